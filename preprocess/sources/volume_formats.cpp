@@ -9,6 +9,7 @@
 #include "preprocess/sources/numpy/numpy_format.h"
 #include "preprocess/sources/openvdb/openvdb_format.h"
 #include "preprocess/sources/raw/raw_format.h"
+#include "preprocess/sources/slices/slices_format.h"
 #include "preprocess/sources/tiff/tiff_format.h"
 #include "preprocess/sources/volume_format.h"
 #include "preprocess/sources/vtk/vtk_format.h"
@@ -25,7 +26,7 @@ const std::vector<VolumeFormat>& volume_formats() {
     static const std::vector<VolumeFormat> formats{
         nrrd_format(), hdf5_format(), netcdf3_format(), nifti_format(), meta_image_format(),
         mrc_format(), vti_format(), vtk_format(), npy_format(), npz_format(), zarr_format(),
-        dicom_format(), tiff_format(), vdb_format(),
+        dicom_format(), tiff_format(), png_format(), bmp_format(), vdb_format(),
         // The last one: it takes every file.
         raw_format()};
     return formats;

@@ -67,7 +67,7 @@ class Dependencies(unittest.TestCase):
         text = (ROOT / "CMakeLists.txt").read_text()
         for row in ROWS:
             for option in re.findall(r"-DISONEST_(\w+)=OFF", row[6]):
-                self.assertRegex(text, rf"ISONEST_{option}\b|isonest_format_library\({option}\b|isonest_module\({option}\b")
+                self.assertRegex(text, rf"ISONEST_{option}\b|isonest_(?:format|source)_library\({option}\b|isonest_module\({option}\b")
 
     def test_the_page_has_its_packages(self):
         locked = json.loads((ROOT / "tools/view/web/package-lock.json").read_text())["packages"]

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import unittest
 import warnings
+import zlib
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
@@ -125,7 +126,7 @@ class Nifti(DamagedFiles, Input):
                 self.reads(data[..., t].T, "--index", f"t={t}")
                 self.reads(data[..., t].T, "--index", f"{t - 3},:,:,:")
             self.refuses(2, "no position 3", options=("--index", "t=3"))
-            self.refuses(2, "no axis 'time'", options=("--index", "time=3"))
+            self.refuses(2, "no axis 'place'", "--index t=0", options=("--index", "place=3"))
             self.refuses(2, "3 entries for 4 axes", options=("--index", "0,:,:"))
         self.reads(data[:, 2, :, 1].T, "--index", "t=1,y=2")
         self.lies([0, 4, 0], [1, 3, 1])
@@ -222,9 +223,60 @@ class MetaImage(DamagedFiles, Input):
             with self.subTest(lines=lines):
                 self.text(*lines, data=data)
                 self.refuses(code, words)
-        for code, file in ((5, "LIST"), (5, "v%03d.raw 1 5 1"), (3, "missing.raw")):
-            self.text(file=file)
-            self.refuses(code)
+        for code, file in ((4, "LIST"), (3, "v%03d.raw 1 5 1"), (3, "missing.raw"), (3, "50%.raw"), (4, "v%03d.raw 1 4 1"),
+                           (4, "v%03d.raw 1 5 0"), (4, "v%03d.raw 1 4000000000 1"), (4, "v%03d.raw 5 1 1"), (4, "LIST 4\na.raw"),
+                           (4, "LIST 0\na.raw"), (4, "LIST\na.raw\nb.raw")):
+            with self.subTest(file=file):
+                self.text(file=file)
+                self.refuses(code)
+
+    def test_lists_and_patterns_of_files(self):
+        data = numbers((5, 6, 7))
+        names = [f"s{i}.raw" for i in (3, 9, 10, 11, 12)]
+        for skip, front in (("HeaderSize = 0", b""), ("HeaderSize = 6", b"header"), ("HeaderSize = -1", b"heading")):
+            for packed in (False, True):
+                if packed and "-1" in skip:
+                    continue
+                with self.subTest(skip=skip, packed=packed):
+                    for i, name in enumerate((*names, *(f"p{j:03d}.raw" for j in range(4, 24, 4)))):
+                        part = data[i % 5].tobytes()
+                        (self.here / name).write_bytes(front + (zlib.compress(part) if packed else part))
+                    lines = (skip, *(["CompressedData = True"] if packed else []))
+                    for file in ("LIST\n" + "\n".join(names), "LIST 2D\n" + "\n".join(names) + "\n\n", "p%03d.raw 4 20 4",
+                                 "p%03d.raw 4 21 4"):
+                        self.text(*lines, file=file)
+                        self.reads(data)
+        whole = self.path.read_text()
+        (self.here / "p012.raw").write_bytes(b"short")
+        self.refuses(2, "p012.raw")
+        (self.here / "p012.raw").unlink()
+        self.refuses(3, "p012.raw")
+        self.path.write_text(whole.replace("p%03d.raw 4 21 4", "LIST 3\nall.raw"))
+        (self.here / "all.raw").write_bytes(b"heading" + data.tobytes())
+        self.reads(data)
+        before = (self.here / "all.raw").read_bytes()
+        self.assertEqual(self.preprocess(store=self.here / "all.raw").returncode, 2)
+        self.assertEqual((self.here / "all.raw").read_bytes(), before)
+
+    def test_vtk_reads_the_same_list(self):
+        data = numbers((5, 6, 7))
+        for i, plane in enumerate(data):
+            (self.here / f"s{i}.raw").write_bytes(plane.tobytes())
+        self.text("BinaryData = True", "BinaryDataByteOrderMSB = False", file="LIST\n" + "\n".join(f"s{i}.raw" for i in range(5)))
+        self.path = self.path.rename(self.here / "v.mhd")
+        self.reads(data)
+        # VTK's image reader takes file names as such patterns give them.
+        reader = vtk.vtkImageReader2()
+        reader.SetFileDimensionality(2)
+        reader.SetFilePattern("%s/s%d.raw")
+        reader.SetFilePrefix(str(self.here))
+        reader.SetDataExtent(0, 6, 0, 5, 0, 4)
+        reader.SetDataScalarTypeToShort()
+        reader.SetDataByteOrderToLittleEndian()
+        reader.Update()
+        scalars = numpy_support.vtk_to_numpy(reader.GetOutput().GetPointData().GetScalars())
+        self.text(file="s%d.raw 0 4 1")
+        self.reads(np.ascontiguousarray(scalars.reshape(data.shape)))
 
     def test_damaged_files(self):
         self.save(numbers((5, 6, 7)), "v.mha", False)

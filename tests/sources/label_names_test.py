@@ -78,7 +78,7 @@ def seg_nrrd(path, segments, labels=LABELS, version=4, more=(), layers=0, encodi
     lines += ["Segmentation_ContainedRepresentationNames:=Binary labelmap|Closed surface|",
               "Segmentation_MasterRepresentation:=Binary labelmap", "Segmentation_ReferenceImageExtentOffset:=0 0 0",
               *more]
-    data = labels.tobytes() * max(layers, 1)
+    data = np.ascontiguousarray(labels).tobytes() * (max(layers, 1) if labels.ndim == 3 else 1)
     header = b"\n".join(line if isinstance(line, bytes) else line.encode() for line in lines)
     path.write_bytes(header + b"\n\n" + (gzip.compress(data) if encoding == "gzip" else data))
     return path
@@ -159,6 +159,16 @@ class LabelNames(unittest.TestCase):
         for options in ((), ("--labels",)):
             error = run("preprocess", path, "-o", self.out, *options, code=5)["error"]
             self.assertIn("overlap, in 2 layers", error["message"])
+            self.assertIn("--index layer=0", error["message"])
+        # A layer has its own segments.
+        data = np.stack([LABELS, np.where(LABELS == 3, 1, 0).astype(LABELS.dtype)])
+        seg_nrrd(path, segments, labels=np.moveaxis(data, 0, -1), layers=2)
+        for layer, name in ((0, "Head"), (1, "Mass")):
+            for way in (f"layer={layer}", f"-1={layer}", f":,:,:,{layer}"):
+                names, notes = self.preprocess(path, "--index", way)
+                self.assertEqual({label: what[0] for label, what in names.items()}, {1: name})
+                np.testing.assert_array_equal(self.stored_values(), data[layer])
+                self.assertEqual(len(notes), 1)
         self.assertEqual(self.preprocess(seg_nrrd(path, {0: segments[0]}, layers=1))[0], {1: ("Head", (179, 128, 102))})
 
     def ome(self, image_label, version, name="v.zarr"):

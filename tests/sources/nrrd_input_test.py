@@ -4,7 +4,11 @@ axes of one node, types.
 
 usage: nrrd_input_test.py ISONEST PLUGIN_FOLDER
 """
+import bz2
+import gzip
 import pathlib
+import shutil
+import subprocess
 import sys
 import unittest
 
@@ -12,10 +16,22 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 
 try:
     import numpy as np
-    from volume_inputs import RANDOM, Input, numbers
+    from volume_inputs import RANDOM, Input, is_read_as, numbers
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
+
+
+UNU = shutil.which("teem-unu") or shutil.which("unu")
+if UNU is None:
+    print("skipped: no unu (Debian: teem-apps)")
+    sys.exit(77)
+NAMES = {"u1": "uint8", "i2": "int16", "i4": "int", "f4": "float", "f8": "double", "i8": "int64", "u8": "uint64"}
+ENCODINGS = {"raw": lambda data: data.tobytes(), "gzip": lambda data: gzip.compress(data.tobytes()),
+             "bzip2": lambda data: bz2.compress(data.tobytes()),
+             "ascii": lambda data: "\n".join(repr(v.item()) if data.dtype.itemsize != 4 or data.dtype.kind != "f" else str(v)
+                                             for v in data.ravel()).encode() + b"\n",
+             "hex": lambda data: data.tobytes().hex().encode()}
 
 
 class Nrrd(Input):
@@ -24,11 +40,11 @@ class Nrrd(Input):
         self.path = self.here / "v.nrrd"
         self.data = RANDOM.integers(0, 255, (4, 3, 2)).astype(np.uint8)
 
-    def write(self, *lines, data=None, kind="uint8", sizes=None, body=None):
+    def write(self, *lines, data=None, kind="uint8", sizes=None, body=None, encoding="raw"):
         data = self.data if data is None else data
         sizes = sizes or data.shape[::-1]
         head = ["NRRD0004", f"type: {kind}", f"dimension: {len(sizes)}", f"sizes: {' '.join(map(str, sizes))}",
-                "encoding: raw", f"endian: {'big' if data.dtype.byteorder == '>' else 'little'}", *lines]
+                f"encoding: {encoding}", f"endian: {'big' if data.dtype.byteorder == '>' else 'little'}", *lines]
         self.path.write_bytes(("\n".join(head) + "\n\n").encode() + (data.tobytes() if body is None else body))
 
     def test_a_data_file_with_a_percent_sign_in_its_name_is_one_file(self):
@@ -38,12 +54,118 @@ class Nrrd(Input):
                 self.write(f"data file: {name}", body=b"")
                 self.reads(self.data)
 
-    def test_data_in_several_files_are_refused_as_such(self):
-        for lines in (["data file: LIST", "a.raw", "b: c.raw", "#.raw"], ["data file: LIST 2", "a.raw"],
-                      ["data file: v%03d.raw 1 4 1"], ["data file: v%d.raw 1 4 1 2"]):
+    def by_teem(self):
+        """What teem reads of the file, [..., y, x]."""
+        out = self.here / "teem.nrrd"
+        subprocess.run([UNU, "save", "-f", "nrrd", "-e", "raw", "-en", "little", "-i", self.path, "-o", out], check=True,
+                       capture_output=True)
+        header, found = out.read_bytes().split(b"\n\n", 1)
+        sizes = next(line for line in header.decode().split("\n") if line.startswith("sizes: "))[7:]
+        return np.frombuffer(found, self.data.dtype).reshape([int(n) for n in sizes.split()][::-1])
+
+    def test_data_in_several_files(self):
+        data = numbers((6, 4, 5), "u1")
+        for encoding, pack in ENCODINGS.items():
+            planes = [pack(plane) for plane in data]
+            slabs = [pack(slab) for slab in np.split(data, 3)]
+            rows = [pack(row) for plane in data for row in plane]
+            for lines, names, parts in ((["LIST"], ["a.raw", "b: c.raw", "#.raw", "d e.raw", "f.raw", "g.raw"], planes),
+                                        (["LIST 2"], [f"x{i}" for i in range(6)], planes),
+                                        (["LIST 3"], ["a", "b", "c"], slabs), (["LIST 1"], [f"r{i}" for i in range(24)], rows),
+                                        (["v%03d.raw 1 6 1"], [f"v{i:03d}.raw" for i in range(1, 7)], planes),
+                                        (["w%d.raw 15 5 -2 2"], [f"w{i}.raw" for i in range(15, 4, -2)], planes),
+                                        (["./u%02d 0 2 1 3"], [f"u{i:02d}" for i in range(3)], slabs)):
+                for end in (b"", b"\n") if "LIST" in lines[0] else (b"\n",):
+                    with self.subTest(encoding=encoding, lines=lines, end=end):
+                        for name, part in zip(names, parts):
+                            (self.here / name).write_bytes(part)
+                        self.path = self.here / "v.nhdr"
+                        self.write(f"data file: {lines[0]}", *(names if "LIST" in lines[0] else ()), data=data, encoding=encoding, body=b"")
+                        self.path.write_bytes(self.path.read_bytes().rstrip(b"\n") + b"\n" + end)
+                        if not end and "#.raw" not in names or "LIST" not in lines[0]:
+                            np.testing.assert_array_equal(self.by_teem(), data)
+                        self.reads(data)
+                        before = (self.here / names[2]).read_bytes()
+                        self.assertEqual(self.preprocess(store=self.here / names[2]).returncode, 2)
+                        self.assertEqual((self.here / names[2]).read_bytes(), before)
+                        if encoding != "raw":
+                            (self.here / names[-1]).write_bytes(before[:len(before) // 2])
+                            self.assertIn(self.preprocess().returncode, (2, 4))
+                        (self.here / names[-1]).unlink()
+                        self.refuses(3, names[-1].split("/")[-1])
+        for lines in (["LIST 4", "a"], ["LIST 0", "a"], ["LIST"], ["LIST 2 2", "a"], ["v%d 1 5 1"], ["v%d 1 6 0"], ["v%d 6 1 1"],
+                      ["v%d 1 99999999999 1"], ["v%d 1 4 1 3"], ["LIST 3", "a", "b", "c", "d"]):
             with self.subTest(lines=lines):
-                self.write(*lines, body=b"")
-                self.refuses(5, "data spread over several files")
+                self.write(f"data file: {lines[0]}", *lines[1:], data=data, body=b"")
+                self.refuses(4, "data file")
+
+    def test_all_encodings(self):
+        for kind in ("u1", "i2", "i4", "f4", "f8", "i8", "u8"):
+            data = numbers((4, 3, 2), kind)
+            for encoding, pack in ENCODINGS.items():
+                for order in "<>":
+                    with self.subTest(kind=kind, encoding=encoding, order=order):
+                        stored = data.astype(order + kind)
+                        self.write(data=stored, kind=NAMES[kind], encoding=encoding, body=pack(stored))
+                        self.data = data
+                        np.testing.assert_array_equal(self.by_teem(), data)
+                        self.reads(is_read_as(data))
+                        whole = self.path.read_bytes()
+                        if encoding in ("bzip2", "gzip"):
+                            for damaged in (whole[:-3], whole[:-20], whole[:-6] + bytes([whole[-6] ^ 1]) + whole[-5:]):
+                                self.path.write_bytes(damaged)
+                                self.refuses(4)
+                        if encoding in ("ascii", "hex"):
+                            self.path.write_bytes(whole[:-5] if encoding == "hex" else whole.rstrip().rsplit(b"\n", 1)[0])
+                            self.refuses(4)
+                            self.path.write_bytes(whole[:-4] + b"x" + whole[-3:])
+                            self.refuses(4)
+        streams = bz2.compress(self.data.tobytes()[:50]) + bz2.compress(self.data.tobytes()[50:])
+        self.write(data=self.data, kind=NAMES["u8"], encoding="bz2", body=streams)
+        self.reads(is_read_as(self.data))
+        self.write("byte skip: 3", data=self.data, kind=NAMES["u8"], encoding="bz2", body=bz2.compress(b"abc" + self.data.tobytes()))
+        self.reads(is_read_as(self.data))
+        self.write("byte skip: -1", data=self.data, kind=NAMES["u8"], encoding="bz2", body=streams)
+        self.refuses(5, "byte skip: -1")
+        self.write(data=self.data, kind=NAMES["u8"], encoding="zrl", body=streams)
+        self.refuses(5, "unu save", "-e gzip")
+
+    def test_axes_of_time_and_components(self):
+        data = numbers((2, 7, 8, 9), "f4")
+        self.write("space dimension: 4", "space directions: (1,0,0,0) (0,2,0,0) (0,0,3,0) (0,0,0,1)", "kinds: domain domain domain domain",
+                   "space origin: (1,2,3,0)", data=data, kind="float")
+        self.refuses(5, "t 2, z 7, y 8, x 9", "--index t=0")
+        for way in ("t=1", "time=1", "0=1", "1,:,:,:"):
+            self.reads(data[1], "--index", way)
+            self.lies((1, 2, 3), (1, 2, 3))
+        done = self.reads(np.ascontiguousarray(data[:, 4]), "--index", "t=:,z=4")
+        self.assertIn("'t' is no direction in space", done.stdout + done.stderr)
+        self.lies((1, 2, 15), (1, 2, 1))
+        self.reads(np.ascontiguousarray(data[1, 4]), "--index", "t=1,z=4")
+        self.lies((1, 2, 15), (1, 2, 1))
+        # A vector first, names of its own, packed and not; a turned volume.
+        for encoding in ("raw", "gzip", "bzip2"):
+            parts = np.moveaxis(data, 0, -1).copy()
+            for labels, names in (('labels: "Vx;Vy" "x" "y" "z"', ("c", "C", "component", "3", "-1")), ('labels: "flow" "R" "A" "S"', ("flow", "Flow", "3"))):
+                for directions, turned in (("none (0.75,0,0) (0,0.75,0) (0,0,0.75)", False), ("none (0.6,0.8,0) (-0.8,0.6,0) (0,0,1)", True)):
+                    self.write("space: right-anterior-superior", f"space directions: {directions}", "kinds: vector domain domain domain", labels,
+                               data=parts, kind="float", encoding=encoding, body=ENCODINGS[encoding](parts))
+                    self.refuses(5, "2 volumes along axis", f"--index {names[0]}=0")
+                    for name in names:
+                        with self.subTest(encoding=encoding, name=name, turned=turned):
+                            self.reads(data[1], "--index", f"{name}=1")
+                            self.assertEqual(self.directions() != np.eye(3).tolist(), turned)
+        for directions in ("none (0.75,0,0) (0,0.75,0) (0,0,0.75)", "none (0.6,0.8,0) (-0.8,0.6,0) (0,0,1)"):
+            self.write("space: right-anterior-superior", f"space directions: {directions}", "kinds: vector domain domain domain", data=parts, kind="float")
+            done = self.reads(np.ascontiguousarray(parts[2]), "--index", "z=2,c=:")
+            self.assertIn("axis 'c' is no direction in space; it is taken as x, with a spacing of 1", done.stdout + done.stderr)
+        # A time that comes first; three axes with a time are a volume.
+        self.write("kinds: time domain domain domain", data=parts, kind="float")
+        self.refuses(5, "--index t=0")
+        self.reads(data[1], "--index", "t=1")
+        self.write("kinds: domain domain time", "spacings: 1 2 3", data=data[0], kind="float")
+        self.reads(data[0])
+        self.lies((0, 0, 0), (1, 2, 3))
 
     def test_an_axis_of_one_node_without_a_direction_gets_one_at_right_angles(self):
         data = self.data.reshape(1, 1, 24)

@@ -201,8 +201,11 @@ class Case:
         header = (end.join([self.pick("NRRD0001", "NRRD0004", "NRRD0005"), *order]) + end).encode()
         front = b"".join(self.noise(30).replace(b"\n", b"").replace(b"\r", b"") + b"\n" for _ in range(lines))
         body = (self.noise(40) if skip < 0 else self.random.bytes(skip)) + data
-        if encoding in ("ascii", "hex"):
-            stored = b"7 " * 4000
+        if encoding == "ascii":
+            stored = front + body[:len(body) - len(data)] + self.pick(" ", "\n", ", ", " ,").join(
+                repr(v.item()) if v.dtype != np.float32 else str(v) for v in self.values).encode()
+        elif encoding == "hex":
+            stored = front + body[:len(body) - len(data)] + data.hex().encode()
         else:
             stored = front + (self.damaged(self.compressed(body)) if zipped else body)
             if self.chance(0.1) and skip >= 0 and not zipped:

@@ -103,15 +103,17 @@ class Input(unittest.TestCase):
         np.testing.assert_array_equal(found, data.ravel())
         return done
 
-    def lies(self, origin, spacing):
-        info = json.loads(served.run([ISONEST, "info", self.here / "s.isonest", "--json"],
+    def info(self):
+        return json.loads(served.run([ISONEST, "info", self.here / "s.isonest", "--json"],
                                      check=True, capture_output=True).stdout)
+
+    def lies(self, origin, spacing):
+        info = self.info()
         np.testing.assert_allclose(info["origin"], origin)
         np.testing.assert_allclose(info["spacing"], spacing)
 
     def directions(self):
-        return json.loads(served.run([ISONEST, "info", self.here / "s.isonest", "--json"], check=True,
-                                     capture_output=True).stdout)["direction"]
+        return self.info()["direction"]
 
     def refuses(self, code, *words, options=()):
         done = self.preprocess(*options)

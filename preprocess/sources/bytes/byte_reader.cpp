@@ -217,10 +217,11 @@ template <class T>
 class TextNumbers : public ByteReader {
   public:
     TextNumbers(const InputFile& file, std::uint64_t start, std::string_view type,
-                std::uint64_t count)
+                std::uint64_t count, bool commas)
         : name_(file.name()),
           type_(type),
           count_(count),
+          commas_(commas),
           end_(regular_file_size(file)),
           at_(start),
           text_(file_bytes(file, 0, end_)) {}
@@ -252,7 +253,9 @@ class TextNumbers : public ByteReader {
         return value;
     }
     std::string_view next_word() {
-        const auto blank = [](char c) { return c == ' ' || (c >= '\t' && c <= '\r'); };
+        const auto blank = [this](char c) {
+            return c == ' ' || (c >= '\t' && c <= '\r') || (c == ',' && commas_);
+        };
         const auto ends = [&](char c) { return blank(c) || c == '<'; };
         while (true) {
             const auto from = std::find_if_not(part_.begin() + used_, part_.end(), blank);
@@ -278,6 +281,7 @@ class TextNumbers : public ByteReader {
     std::string name_;
     std::string_view type_;  ///< for messages
     std::uint64_t count_;
+    bool commas_;
     std::uint64_t end_;
     std::uint64_t at_;  ///< of what follows the part
     std::unique_ptr<ByteReader> text_;
@@ -306,18 +310,18 @@ std::unique_ptr<ByteReader> zlib_blocks(std::unique_ptr<ByteReader> packed, std:
                                         size);
 }
 std::unique_ptr<ByteReader> text_numbers(const InputFile& file, std::uint64_t start, ValueType type,
-                                         std::uint64_t count) {
+                                         std::uint64_t count, bool commas) {
     return dispatch(type, [&](auto tag) -> std::unique_ptr<ByteReader> {
         using T = typename decltype(tag)::type;
-        return std::make_unique<TextNumbers<T>>(file, start, name_of(type), count);
+        return std::make_unique<TextNumbers<T>>(file, start, name_of(type), count, commas);
     });
 }
 std::unique_ptr<ByteReader> text_integers(const InputFile& file, std::uint64_t start,
-                                          bool is_signed, std::uint64_t count) {
+                                          bool is_signed, std::uint64_t count, bool commas) {
     if (is_signed) {
-        return std::make_unique<TextNumbers<std::int64_t>>(file, start, "int64", count);
+        return std::make_unique<TextNumbers<std::int64_t>>(file, start, "int64", count, commas);
     }
-    return std::make_unique<TextNumbers<std::uint64_t>>(file, start, "uint64", count);
+    return std::make_unique<TextNumbers<std::uint64_t>>(file, start, "uint64", count, commas);
 }
 
 }  // namespace isonest::detail

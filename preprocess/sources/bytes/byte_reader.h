@@ -26,6 +26,9 @@ class ByteReader {
     virtual void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) = 0;
     /// Reads must come in ascending order.
     [[nodiscard]] virtual bool sequential() const { return false; }
+    /// All that is wanted was read: of what is packed, the rest is checked to its end. Throws
+    /// Error{corrupt}.
+    virtual void finish() {}
     /// Bytes that it holds.
     [[nodiscard]] virtual std::uint64_t heap() const { return 0; }
 };
@@ -43,10 +46,11 @@ std::unique_ptr<ByteReader> zlib_blocks(std::unique_ptr<ByteReader> packed, std:
                                         std::uint64_t block, std::uint64_t size);
 /// `count` numbers of a type in text, white space between them, from byte `start` of a file on.
 /// They end at a `<`, as text in XML does. Sequential. Throws Error{io}; read() Error{corrupt}.
+/// `commas`: they may stand between numbers, too, as in NRRD.
 std::unique_ptr<ByteReader> text_numbers(const InputFile& file, std::uint64_t start, ValueType type,
-                                         std::uint64_t count);
+                                         std::uint64_t count, bool commas = false);
 /// The same of integers of 64 bits.
 std::unique_ptr<ByteReader> text_integers(const InputFile& file, std::uint64_t start,
-                                          bool is_signed, std::uint64_t count);
+                                          bool is_signed, std::uint64_t count, bool commas = false);
 
 }  // namespace isonest::detail

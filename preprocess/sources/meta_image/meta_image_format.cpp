@@ -5,6 +5,7 @@
 #include <charconv>
 #include <cmath>
 #include <map>
+#include <span>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -14,6 +15,7 @@
 
 #include "preprocess/sources/bytes/gzip_stream.h"
 #include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/numbers/pieces.h"
 #include "preprocess/sources/numbers/raw_layout.h"
 #include "preprocess/sources/placement/placed_array.h"
 #include "preprocess/sources/wrapping/noted_source.h"
@@ -179,6 +181,7 @@ void set_axes(const Header& header, PlacedArray& array) {
             step.at(w) = along * spacing[i];
         }
         array.steps.push_back(step);
+        array.apart.push_back(std::fabs(spacing[i]));
     }
     const std::int64_t channels = header.integer("ElementNumberOfChannels", 1);
     if (channels < 1) {
@@ -187,6 +190,7 @@ void set_axes(const Header& header, PlacedArray& array) {
     if (channels > 1) {
         array.axes.push_back({"c", channels, false});
         array.steps.push_back({0, 0, 0});
+        array.apart.push_back(1);
     }
 }
 
@@ -206,6 +210,103 @@ std::vector<std::string> notes_of(const Header& header) {
         fmt::format("values are as stored: ElementToIntensityFunction (slope {}, offset {}) is "
                     "not applied",
                     slope.empty() ? "1" : slope, offset.empty() ? "0" : offset)};
+}
+
+/// The number of axes, from the fastest on, that one of several files has.
+std::size_t axes_of_piece(const Header& header) {
+    const std::int64_t dims = header.integer("NDims", 0);
+    std::istringstream words(header.text({"ElementDataFile"}));
+    std::string word;
+    words >> word;
+    if (word != "LIST" || !(words >> word)) {  // "LIST 2D"
+        return static_cast<std::size_t>(dims - 1);
+    }
+    std::int64_t own = 0;
+    std::from_chars(word.data(), word.data() + word.size(), own);
+    if (own < 1 || own > dims) {
+        header.corrupt(fmt::format("ElementDataFile: files of '{}' axes, of {}", word, dims));
+    }
+    return static_cast<std::size_t>(own);
+}
+
+/// The files of `ElementDataFile = LIST`, which follow that line, or of a pattern and numbers
+/// ("slice%03d.raw 1 20 1"); none where it names one file.
+std::vector<std::string> pieces_of(const Header& header, const InputFile& file) {
+    const std::string text = header.text({"ElementDataFile"});
+    if (text == "LIST" || text.starts_with("LIST ")) {
+        constexpr std::size_t kMostList = std::size_t{1} << 24U;
+        std::istringstream lines(first_bytes(file, kMostList, header.bytes()));
+        std::vector<std::string> names;
+        for (std::string line; std::getline(lines, line);) {
+            if (!stripped(line).empty()) {
+                names.emplace_back(stripped(line));
+            }
+        }
+        if (names.empty() || names.size() > kMostPieces) {
+            header.corrupt(fmt::format("ElementDataFile = LIST lists {} files", names.size()));
+        }
+        return names;
+    }
+    std::istringstream in(text);
+    std::string pattern;
+    in >> pattern;
+    std::vector<std::int64_t> given;
+    for (std::string word; in >> word;) {
+        std::int64_t number = 0;
+        const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
+        if (error != std::errc{} || end != word.data() + word.size()) {
+            return {};  // a name with blanks
+        }
+        given.push_back(number);
+    }
+    if (given.empty() || given.size() > 3 || !is_numbered(pattern)) {
+        return {};
+    }
+    const auto sizes =
+        header.numbers({"DimSize"}, static_cast<std::size_t>(header.integer("NDims", 0)));
+    const std::int64_t last =
+        given.size() > 1 ? given[1] : given[0] + static_cast<std::int64_t>(sizes.back()) - 1;
+    std::vector<std::string> names =
+        numbered_names(pattern, given[0], last, given.size() > 2 ? given[2] : 1);
+    if (names.empty()) {
+        header.corrupt(
+            fmt::format("ElementDataFile = {} names no files, or more than {}", text, kMostPieces));
+    }
+    return names;
+}
+
+std::unique_ptr<VolumeSource> open_pieces(const Header& header, const InputFile& file,
+                                          const std::vector<std::string>& names, PlacedArray& array,
+                                          std::span<const AxisIndex> index) {
+    const std::size_t own = axes_of_piece(header);
+    const auto sizes =
+        header.numbers({"DimSize"}, static_cast<std::size_t>(header.integer("NDims", 0)));
+    double needed = 1;
+    for (std::size_t i = own; i < sizes.size(); ++i) {
+        needed *= sizes[i];
+    }
+    if (needed != static_cast<double>(names.size())) {
+        header.corrupt(
+            fmt::format("ElementDataFile names {} files of {} axes, but DimSize needs {}",
+                        names.size(), own, needed));
+    }
+    const std::vector<InputFile> files = pieces_beside(file, names);
+    RawLayout& layout = array.layout;
+    const std::int64_t skip = header.integer("HeaderSize", 0);
+    layout.offset_from_end = skip == -1;
+    layout.start = static_cast<std::uint64_t>(std::max<std::int64_t>(skip, 0));
+    layout.packing = !header.flag({"CompressedData"})       ? Packing::plain
+                     : is_gzip(files.front(), layout.start) ? Packing::gzip
+                                                            : Packing::zlib;
+    const std::uint64_t values = place_in_array(array.axes, index, array.name).whole;
+    const ValueType type = array.stored ? bits_type(*array.stored) : layout.type;
+    auto bytes = bytes_of_pieces(files, layout, values / names.size() * size_of(type));
+    layout.start = 0;
+    layout.offset_from_end = false;
+    layout.header = file;
+    layout.others.assign(files.begin() + 1, files.end());
+    array.file = files.front();
+    return open_placed(array, index, std::move(bytes));
 }
 
 std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
@@ -232,8 +333,10 @@ std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
     if (file.empty()) {
         header.corrupt("ElementDataFile names no file");
     }
-    if (file.starts_with("LIST") || file.find('%') != std::string::npos) {
-        header.unsupported("data spread over several files; join them into one");
+    const std::vector<std::string> pieces = pieces_of(header, input.file);
+    if (!pieces.empty()) {
+        return with_notes(open_pieces(header, input.file, pieces, array, options.index),
+                          notes_of(header));
     }
     if (file == "LOCAL" || file == "Local" || file == "local") {
         layout.start = header.bytes();

@@ -12,6 +12,7 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/lower_case.h"
+#include "preprocess/sources/numbers/pieces.h"
 
 namespace isonest::detail {
 namespace {
@@ -97,8 +98,15 @@ NrrdFields::NrrdFields(std::string_view text, std::string name) : name_(std::mov
                             number));
         }
         add(line, number);
-        if (lists_files()) {
-            break;  // what follows are names
+        if (lists_files()) {  // what follows are names
+            while (at < text.size()) {
+                const std::string_view file = next_line(text, at);
+                if (file.empty()) {
+                    break;
+                }
+                listed_.emplace_back(file);
+            }
+            break;
         }
     }
 }
@@ -142,19 +150,44 @@ bool NrrdFields::lists_files() const {
     return file != nullptr && (*file == "LIST" || file->starts_with("LIST "));
 }
 
-bool NrrdFields::has_several_files() const {
-    const std::string* const file = find("data file");
-    if (file == nullptr || lists_files()) {
-        return file != nullptr;
+std::optional<NrrdFields::Pieces> NrrdFields::pieces() const {
+    const std::string* const field = find("data file");
+    if (field == nullptr) {
+        return std::nullopt;
     }
-    // "%03d.raw 1 20 1": a pattern, the first and the last number, the step.
-    const std::size_t sign = file->find('%');
-    if (sign == std::string::npos) {
-        return false;
+    const std::vector<std::string> words = split_words(*field);
+    Pieces pieces;
+    if (lists_files()) {
+        if (words.size() > 2) {
+            corrupt(fmt::format("'data file: {}': LIST and the number of axes of a file", *field));
+        }
+        if (words.size() == 2) {
+            pieces.axes = integer("data file", words[1]);
+        }
+        pieces.files = listed_;
+        if (pieces.files.empty() || pieces.files.size() > kMostPieces) {
+            corrupt(fmt::format("'data file: LIST' lists {} files", pieces.files.size()));
+        }
+        return pieces;
     }
-    const std::size_t letter = file->find_first_not_of("0123456789", sign + 1);
-    return letter != std::string::npos && (*file)[letter] == 'd' &&
-           split_words(file->substr(letter)).size() > 3;
+    // "v%03d.raw 1 20 1 2": a pattern; the first and the last number and the step; the axes.
+    const auto is_number = [](const std::string& word) {
+        return word.find_first_not_of("+-0123456789") == std::string::npos;
+    };
+    if (words.size() < 4 || words.size() > 5 || !is_numbered(words[0]) ||
+        !std::all_of(words.begin() + 1, words.end(), is_number)) {
+        return std::nullopt;
+    }
+    pieces.files = numbered_names(words[0], integer("data file", words[1]),
+                                  integer("data file", words[2]), integer("data file", words[3]));
+    if (pieces.files.empty()) {
+        corrupt(
+            fmt::format("'data file: {}' names no files, or more than {}", *field, kMostPieces));
+    }
+    if (words.size() == 5) {
+        pieces.axes = integer("data file", words[4]);
+    }
+    return pieces;
 }
 
 void NrrdFields::corrupt(const std::string& what) const {
@@ -222,15 +255,19 @@ std::vector<double> NrrdFields::numbers(const char* field) const {
     return out;
 }
 
+std::int64_t NrrdFields::integer(const char* field, std::string_view word) const {
+    std::int64_t value = 0;
+    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
+    if (error != std::errc{} || end != word.data() + word.size()) {
+        corrupt(fmt::format("'{}': '{}' is not a whole number of 64 bits", field, word));
+    }
+    return value;
+}
+
 std::vector<std::int64_t> NrrdFields::integers(const char* field) const {
     std::vector<std::int64_t> out;
     for (const std::string& word : split_words(require(field))) {
-        std::int64_t value = 0;
-        const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-        if (error != std::errc{} || end != word.data() + word.size()) {
-            corrupt(fmt::format("'{}': '{}' is not a whole number of 64 bits", field, word));
-        }
-        out.push_back(value);
+        out.push_back(integer(field, word));
     }
     return out;
 }

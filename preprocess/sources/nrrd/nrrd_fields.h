@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -41,8 +42,15 @@ class NrrdFields {
     /// Texts between quotes, in their own case; none if there is no such field.
     [[nodiscard]] std::vector<std::string> quoted(const char* field) const;
 
-    /// Whether `data file` names more than one: a list, to the header's end, or a pattern.
-    [[nodiscard]] bool has_several_files() const;
+    /// Where `data file` is a list of files or a pattern of their names.
+    struct Pieces {
+        std::vector<std::string> files;  ///< in their order
+        /// Axes that one of them has, from the fastest on; none: all but the slowest.
+        std::optional<std::int64_t> axes;
+    };
+    /// None where it names one file, or there is no such field. Throws Error{corrupt}; also for
+    /// more than kMostPieces files.
+    [[nodiscard]] std::optional<Pieces> pieces() const;
 
     [[noreturn]] void corrupt(const std::string& what) const;
     [[noreturn]] void unsupported(const std::string& what) const;
@@ -50,11 +58,13 @@ class NrrdFields {
   private:
     void add(std::string_view line, std::size_t number);
     [[nodiscard]] bool lists_files() const;
+    [[nodiscard]] std::int64_t integer(const char* field, std::string_view word) const;
     [[nodiscard]] double number(const char* field, std::string_view word) const;
 
     std::string name_;
     std::map<std::string, std::string, std::less<>> fields_;
     std::map<std::string, std::string, std::less<>> segment_keys_;
+    std::vector<std::string> listed_;  ///< lines behind `data file: LIST`
     std::uint64_t bytes_ = 0;
 };
 

@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include <isonest/error.h>
@@ -13,6 +15,8 @@
 #include "preprocess/sources/nrrd/nrrd_fields.h"
 #include "preprocess/sources/nrrd/nrrd_segments.h"
 #include "preprocess/sources/nrrd/nrrd_type.h"
+#include "preprocess/sources/numbers/pieces.h"
+#include "preprocess/sources/placement/axis_choice.h"
 #include "preprocess/sources/placement/axis_units.h"
 
 namespace isonest::detail {
@@ -20,15 +24,15 @@ namespace {
 
 class Parser {
   public:
-    Parser(std::string_view text, const std::string& name, const std::optional<Double3>& spacing)
-        : fields_(text, name), spacing_(spacing) {}
+    Parser(std::string_view text, std::string name, const std::optional<Double3>& spacing,
+           std::span<const AxisIndex> index)
+        : fields_(text, name), name_(std::move(name)), spacing_(spacing), index_(index) {}
 
     NrrdHeader parse() {
         NrrdHeader header;
         read_type(header);
         read_axes(header);
         read_encoding(header);
-        header.labels = labels_of_segments(fields_.segment_keys());
         return header;
     }
 
@@ -54,42 +58,130 @@ class Parser {
         if (std::any_of(sizes.begin(), sizes.end(), [](std::int64_t n) { return n < 1; })) {
             fields_.corrupt("'sizes' must be positive whole numbers");
         }
-        const std::vector<std::string> kinds = words_per_axis("kinds", sizes.size());
+        const std::vector<ArrayAxis> file = array_axes(sizes);
+        const ChosenAxes chosen = choose_axes(file, index_, name_);
+        const ArrayPlace place = place_in_array(file, index_, name_);
+        header.layout.nodes = place.nodes;
+        header.layout.strides = place.strides;
+        header.layout.first = place.first;
+        if (place.whole != static_cast<std::uint64_t>(place.nodes.product())) {
+            header.layout.whole = place.whole;
+        }
+        header.no_space = chosen.no_space;
+        set_pieces(header, sizes);
+        // In the file's order from here on, fastest first.
         std::vector<std::size_t> axes;
-        for (std::size_t i = 0; i < sizes.size(); ++i) {
-            if (sizes[i] != 1) {
-                require_scalars(i, sizes[i], kinds[i]);
-            }
-            if (sizes.size() <= 3 || sizes[i] != 1) {
-                axes.push_back(i);
+        for (const auto& axis : chosen.axis) {
+            if (axis) {
+                axes.push_back(sizes.size() - 1 - *axis);
             }
         }
-        if (axes.size() > 3) {
-            fields_.unsupported(fmt::format(
-                "{} axes: volumes of one scalar on at most 3 axes are read", axes.size()));
-        }
-        for (std::size_t a = 0; a < axes.size(); ++a) {
-            header.layout.nodes[static_cast<int>(a)] = sizes[axes[a]];
-        }
-        read_geometry(header, axes, sizes.size());
+        const std::vector<std::int64_t> at(chosen.at.rbegin(), chosen.at.rend());
+        read_geometry(header, axes, at);
+        ChosenAxes noted = chosen;
+        noted.no_space = header.no_space;
+        const std::vector<std::string> about =
+            notes_of(noted, file, Double3(header.layout.spacing));
+        header.notes.insert(header.notes.end(), about.begin(), about.end());
+        read_labels(header, axes, at);
     }
 
-    /// Along an axis of a volume, samples of one thing follow each other.
-    void require_scalars(std::size_t axis, std::int64_t size, const std::string& kind) const {
-        if (kind == "list" && !fields_.segment_keys().empty()) {
-            fields_.unsupported(
-                fmt::format("its segments overlap, in {} layers: a volume has one label at each "
-                            "node, as the labelmap has to which 3D Slicer exports segments",
-                            size));
+    /// Their names and meanings, slowest first. Along an axis of a volume samples of one thing
+    /// follow each other; a time is one where it is needed.
+    [[nodiscard]] std::vector<ArrayAxis> array_axes(const std::vector<std::int64_t>& sizes) const {
+        const std::vector<std::string> kinds = words_per_axis("kinds", sizes.size());
+        std::vector<std::string> labels = fields_.quoted("labels");
+        labels.resize(labels.size() == sizes.size() ? labels.size() : 0);
+        labels.resize(sizes.size());
+        const auto is_space = [](const std::string& kind) {
+            return kind.empty() || kind == "domain" || kind == "space" || kind == "none" ||
+                   kind == "???";
+        };
+        std::size_t long_ones = 0;
+        for (std::size_t i = 0; i < sizes.size(); ++i) {
+            long_ones += is_space(kinds[i]) && sizes[i] > 1 ? 1 : 0;
         }
-        if (kind != "domain" && kind != "space" && kind != "time" && kind != "none" &&
-            kind != "???" && !kind.empty()) {
-            fields_.unsupported(
-                fmt::format("axis {} (the fastest is 0), of {} samples, is of kind '{}', which is "
-                            "no place or time: volumes of one scalar are read; write its samples "
-                            "to files of their own",
-                            axis, size, kind));
+        constexpr std::array<const char*, 4> kNames{"x", "y", "z", "t"};
+        std::size_t places = 0;
+        std::vector<ArrayAxis> axes;
+        for (std::size_t i = 0; i < sizes.size(); ++i) {
+            const bool is_time = kinds[i] == "time";
+            ArrayAxis axis{is_time              ? "t"
+                           : kinds[i] != "list" ? "c"
+                           : has_segments()     ? "layer"
+                                                : "list",
+                           sizes[i], sizes[i] == 1 || (is_time && long_ones < 3)};
+            if (is_space(kinds[i])) {
+                axis.name = places < kNames.size() ? kNames.at(places) : "";
+                axis.of_volume = true;
+                ++places;
+            }
+            if (is_plain(labels[i])) {
+                axis.name = labels[i];
+            }
+            if (axis.name == "layer" && sizes[i] > 1 && index_.empty()) {
+                throw Error(
+                    ErrorKind::unsupported, {name_, "NRRD header"},
+                    fmt::format("its segments overlap, in {} layers: a volume has one label at "
+                                "each node, as the labelmap has to which 3D Slicer exports "
+                                "segments",
+                                sizes[i]),
+                    {{RemedyKind::choose_index, "layer=0"}});
+            }
+            axes.insert(axes.begin(), std::move(axis));
         }
+        return axes;
+    }
+
+    static bool is_plain(const std::string& label) {
+        constexpr std::size_t kMost = 40;
+        return !label.empty() && label.size() <= kMost &&
+               label.find_first_of(",;=\"") == std::string::npos;
+    }
+
+    [[nodiscard]] bool has_segments() const { return !fields_.segment_keys().empty(); }
+
+    void read_labels(NrrdHeader& header, const std::vector<std::size_t>& axes,
+                     const std::vector<std::int64_t>& at) const {
+        const std::vector<std::string> kinds = words_per_axis("kinds", at.size());
+        const auto list =
+            static_cast<std::size_t>(std::find(kinds.begin(), kinds.end(), "list") - kinds.begin());
+        const bool is_whole = std::find(axes.begin(), axes.end(), list) != axes.end();
+        std::optional<std::int64_t> layer = list < at.size() ? at[list] : 0;
+        if (is_whole && header.no_space != std::array<bool, 3>{}) {
+            layer.reset();
+        }
+        header.labels = labels_of_segments(fields_.segment_keys(), layer);
+    }
+
+    /// The files of `data file: LIST` or a pattern, of which each has the same number of values.
+    void set_pieces(NrrdHeader& header, const std::vector<std::int64_t>& sizes) const {
+        constexpr std::uint64_t kMost = kMostPieces;
+        const auto pieces = fields_.pieces();
+        if (!pieces) {
+            return;
+        }
+        const auto count = static_cast<std::int64_t>(sizes.size());
+        const std::int64_t own = pieces->axes.value_or(count - 1);
+        if (own < 1 || own > count) {
+            fields_.corrupt(fmt::format("'data file': {} of {} axes in each file", own, count));
+        }
+        const std::uint64_t files = pieces->files.size();
+        std::uint64_t needed = 1;
+        for (auto i = static_cast<std::size_t>(own); i < sizes.size() && needed <= kMost; ++i) {
+            needed *= static_cast<std::uint64_t>(std::min<std::int64_t>(sizes[i], kMost + 1));
+        }
+        // Files of all axes are slabs of the slowest one.
+        const bool fits =
+            own == count ? static_cast<std::uint64_t>(sizes.back()) % files == 0 : needed == files;
+        if (!fits) {
+            fields_.corrupt(fmt::format(
+                "'data file' names {} files of {} axes, but 'sizes' needs {}", files, own,
+                own == count     ? fmt::format("a divisor of {}", sizes.back())
+                : needed > kMost ? fmt::format("more than {}", kMost)
+                                 : fmt::format("{}", needed)));
+        }
+        header.pieces = pieces->files;
     }
 
     /// Of the world's axes, or where they have none, of the volume's. A list of another length is
@@ -110,9 +202,10 @@ class Parser {
         return unit;
     }
 
-    /// `axes`: which of the file's `count` axes are the volume's.
+    /// `axes`: which of the file's axes are the volume's. `at`: the position on each of the file's.
     void read_geometry(NrrdHeader& header, const std::vector<std::size_t>& axes,
-                       std::size_t count) const {
+                       const std::vector<std::int64_t>& at) const {
+        const std::size_t count = at.size();
         RawLayout& layout = header.layout;
         const CommonUnit unit = read_unit(header, axes, count);
         constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
@@ -123,7 +216,7 @@ class Parser {
             steps.at(a) = unit.converted(a, spacing[axes[a]]);
         }
         if (directed) {
-            const auto vectors = converted_vectors("space directions", unit);
+            auto vectors = converted_vectors("space directions", unit);
             if (vectors.size() != count) {
                 fields_.corrupt("'space directions' and 'sizes' do not agree");
             }
@@ -133,6 +226,7 @@ class Parser {
                         fmt::format("axis {} has both 'spacings' and 'space directions'", i));
                 }
             }
+            take_off_space(axes, vectors, header, steps);
             header.oblique = !along_axes(layout.nodes, axes, vectors, steps);
             for (std::size_t a = 0; a < axes.size(); ++a) {
                 const std::vector<double>& v = vectors[axes[a]];
@@ -149,6 +243,9 @@ class Parser {
         if (fields_.find("space origin") != nullptr) {
             read_origin(layout, unit);
         }
+        if (directed) {
+            move_origin(converted_vectors("space directions", unit), at, layout);
+        }
         for (std::size_t a = 0; a < 3; ++a) {
             const double step = std::isnan(steps.at(a)) ? 1 : steps.at(a);
             layout.spacing[a] = std::fabs(step);
@@ -156,6 +253,33 @@ class Parser {
             if (header.backward.at(a)) {
                 const std::int64_t last = layout.nodes[static_cast<int>(a)] - 1;
                 layout.origin[a] += step * static_cast<double>(last);
+            }
+        }
+    }
+
+    /// An axis whose direction is in none of the world's first three axes, as that of a time in a
+    /// world of four, has a spacing alone.
+    static void take_off_space(const std::vector<std::size_t>& axes,
+                               std::vector<std::vector<double>>& vectors, NrrdHeader& header,
+                               Double3& steps) {
+        for (std::size_t a = 0; a < axes.size(); ++a) {
+            std::vector<double>& v = vectors[axes[a]];
+            if (v.size() > 3 && v[0] == 0 && v[1] == 0 && v[2] == 0 && v[3] != 0) {
+                steps.at(a) = std::fabs(v[3]);
+                v.clear();
+                header.no_space.at(a) = true;
+            }
+        }
+    }
+
+    /// To the positions that were chosen on the other axes.
+    static void move_origin(const std::vector<std::vector<double>>& vectors,
+                            const std::vector<std::int64_t>& at, RawLayout& layout) {
+        for (std::size_t i = 0; i < at.size(); ++i) {
+            for (std::size_t w = 0; w < std::min<std::size_t>(vectors[i].size(), 3); ++w) {
+                if (at[i] != 0) {
+                    layout.origin.at(w) += vectors[i][w] * static_cast<double>(at[i]);
+                }
             }
         }
     }
@@ -281,15 +405,34 @@ class Parser {
         }
     }
 
+    [[nodiscard]] NrrdEncoding encoding_of(const std::string& word) const {
+        using Entry = std::pair<const char*, NrrdEncoding>;
+        constexpr std::array<Entry, 9> kNames{{{"raw", NrrdEncoding::raw},
+                                               {"gzip", NrrdEncoding::gzip},
+                                               {"gz", NrrdEncoding::gzip},
+                                               {"bzip2", NrrdEncoding::bzip2},
+                                               {"bz2", NrrdEncoding::bzip2},
+                                               {"text", NrrdEncoding::text},
+                                               {"txt", NrrdEncoding::text},
+                                               {"ascii", NrrdEncoding::text},
+                                               {"hex", NrrdEncoding::hex}}};
+        const auto* const found = std::find_if(
+            kNames.begin(), kNames.end(), [&](const Entry& entry) { return word == entry.first; });
+        if (found == kNames.end()) {
+            fields_.unsupported(
+                fmt::format("encoding '{}': raw, gzip, bzip2, text and hex are "
+                            "read; write it with: unu save -f nrrd -e gzip",
+                            word));
+        }
+        return found->second;
+    }
+
     void read_encoding(NrrdHeader& header) const {
         RawLayout& layout = header.layout;
-        const std::string encoding = lower(fields_.require("encoding"));
-        if (encoding != "raw" && encoding != "gzip" && encoding != "gz") {
-            fields_.unsupported(fmt::format("encoding '{}': raw and gzip are read", encoding));
-        }
-        layout.packing = encoding == "raw" ? Packing::plain : Packing::gzip;
+        header.encoding = encoding_of(lower(fields_.require("encoding")));
+        layout.packing = header.encoding == NrrdEncoding::gzip ? Packing::gzip : Packing::plain;
         layout.exact_length = false;
-        if (size_of(layout.type) > 1) {
+        if (size_of(layout.type) > 1 && header.encoding != NrrdEncoding::text) {
             const std::string endian = lower(fields_.require("endian"));
             if (endian != "little" && endian != "big") {
                 fields_.corrupt(fmt::format("endian '{}'", endian));
@@ -302,9 +445,6 @@ class Parser {
         layout.offset = static_cast<std::uint64_t>(std::max<std::int64_t>(bytes, 0));
         const std::string* const file = fields_.find("data file");
         if (file != nullptr) {
-            if (fields_.has_several_files()) {
-                fields_.unsupported("data spread over several files; join them into one");
-            }
             if (file->empty()) {
                 fields_.corrupt("'data file' names no file");
             }
@@ -329,13 +469,16 @@ class Parser {
     }
 
     NrrdFields fields_;
+    std::string name_;
     std::optional<Double3> spacing_;
+    std::span<const AxisIndex> index_;
 };
 
 }  // namespace
 
 NrrdHeader parse_nrrd_header(std::string_view text, const std::string& name,
-                             const std::optional<Double3>& spacing) {
+                             const std::optional<Double3>& spacing,
+                             std::span<const AxisIndex> index) {
     if (!text.starts_with("NRRD000")) {
         throw Error(ErrorKind::corrupt, {name}, "not an NRRD file");
     }
@@ -344,7 +487,7 @@ NrrdHeader parse_nrrd_header(std::string_view text, const std::string& name,
         throw Error(ErrorKind::unsupported, {name},
                     fmt::format("'{:.20}': versions NRRD0001 to NRRD0005 are read", version));
     }
-    return Parser(text, name, spacing).parse();
+    return Parser(text, name, spacing, index).parse();
 }
 
 bool nrrd_header_ends(std::string_view text) {

@@ -42,7 +42,8 @@ std::optional<LabelColor> color_of_segment(const std::string& text) {
 
 }  // namespace
 
-FoundLabels labels_of_segments(const std::map<std::string, std::string, std::less<>>& keys) {
+FoundLabels labels_of_segments(const std::map<std::string, std::string, std::less<>>& keys,
+                               std::optional<std::int64_t> layer) {
     constexpr std::string_view kStart = "Segment";
     std::map<std::uint32_t, Segment> segments;
     for (const auto& [key, text] : keys) {
@@ -70,7 +71,8 @@ FoundLabels labels_of_segments(const std::map<std::string, std::string, std::les
             labels.leave_out(fmt::format("segment {}: its label is no whole number", number));
             continue;
         }
-        if (segment.layer != "0") {
+        std::int64_t own = 0;
+        if (!layer || !read_whole(segment.layer, own) || own != *layer) {
             labels.leave_out(fmt::format("segment {} is of another layer", number));
             continue;
         }

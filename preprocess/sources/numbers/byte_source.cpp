@@ -23,6 +23,7 @@ class ReaderSource : public RawBase {
     void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
         bytes_->read(at, dst, bytes);
     }
+    void after_last() override { bytes_->finish(); }
     std::unique_ptr<ByteReader> bytes_;
 };
 

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <vector>
 
 #include <isonest/volume_source.h>
 
@@ -38,7 +39,8 @@ struct RawLayout {
     Directions direction = kAlongWorld;
     std::optional<LengthUnit> unit = {};  ///< of spacing and origin
     AnatomicalFrame frame = AnatomicalFrame::unknown;
-    InputFile header;                     ///< what describes them, if it is another file
+    InputFile header;                    ///< what describes them, if it is another file
+    std::vector<InputFile> others = {};  ///< further files with numbers
 };
 
 }  // namespace isonest::detail

@@ -76,9 +76,17 @@ std::string identity_of_layout(const RawLayout& layout) {
     return layout.first > 0 ? fmt::format("{}first value {}\n", text, layout.first) : text;
 }
 
+std::vector<InputFile> inputs_of(const InputFile& file, const RawLayout& layout) {
+    std::vector<InputFile> inputs{file};
+    if (!layout.header.empty()) {
+        inputs.push_back(layout.header);
+    }
+    inputs.insert(inputs.end(), layout.others.begin(), layout.others.end());
+    return inputs;
+}
+
 std::string identity_of_raw(const InputFile& file, const RawLayout& layout) {
-    const std::string inputs = identity_of_inputs(
-        layout.header.empty() ? std::vector{file} : std::vector{file, layout.header});
+    const std::string inputs = identity_of_inputs(inputs_of(file, layout));
     return inputs.empty() ? inputs : inputs + identity_of_layout(layout);
 }
 

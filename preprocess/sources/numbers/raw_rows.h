@@ -37,6 +37,9 @@ struct Slab {
     std::int64_t ny = 0;
 };
 
+/// The file, what describes it, and further files.
+std::vector<InputFile> inputs_of(const InputFile& file, const RawLayout& layout);
+
 /// identity_of_inputs() of a file and what describes it, and what tells the layout; empty where the
 /// inputs cannot be told from others.
 std::string identity_of_raw(const InputFile& file, const RawLayout& layout);
@@ -51,7 +54,7 @@ class RawBase : public VolumeSource {
                 name_,         layout_.direction, false,           layout_.unit};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
-        return local_files({file_, layout_.header});
+        return local_files(inputs_of(file_, layout_));
     }
     [[nodiscard]] std::string identity() const override;
 

@@ -131,7 +131,28 @@ class GzipSource : public RawBase {
     std::uint64_t at_ = 0;
 };
 
-/// The place behind `lines` lines from byte `at` on.
+/// The numbers are not compressed. The layout's `offset` becomes that of the file.
+void place_plain(const std::string& name, std::uint64_t size, RawLayout& layout) {
+    const std::uint64_t need = data_bytes(layout);
+    const std::uint64_t skipped = layout.offset;
+    const bool fits = size >= layout.start && size - layout.start >= need &&
+                      size - layout.start - need >= skipped;
+    layout.offset = layout.offset_from_end && fits ? size - need : layout.start + skipped;
+    if (!fits || (layout.exact_length && size - need != layout.offset)) {
+        const bool raw = layout.packing == Packing::recognised;
+        throw Error(
+            ErrorKind::invalid_argument, {name},
+            fmt::format("{} after {} bytes need {} bytes, but the file has {}{}",
+                        text_of_nodes(layout), layout.start + skipped,
+                        need + layout.start + skipped, size,
+                        raw ? "" : "; check the sizes, the type and what is skipped in its header"),
+            raw ? std::vector<Remedy>{{RemedyKind::correct_numbers, "dims,type,offset"}}
+                : std::vector<Remedy>{});
+    }
+}
+
+}  // namespace
+
 std::uint64_t behind_lines(const InputFile& file, const std::string& name, std::uint64_t at,
                            std::uint64_t lines) {
     constexpr std::size_t kPart = std::size_t{1} << 16U;
@@ -156,28 +177,6 @@ std::uint64_t behind_lines(const InputFile& file, const std::string& name, std::
     }
     return at;
 }
-
-/// The numbers are not compressed. The layout's `offset` becomes that of the file.
-void place_plain(const std::string& name, std::uint64_t size, RawLayout& layout) {
-    const std::uint64_t need = data_bytes(layout);
-    const std::uint64_t skipped = layout.offset;
-    const bool fits = size >= layout.start && size - layout.start >= need &&
-                      size - layout.start - need >= skipped;
-    layout.offset = layout.offset_from_end && fits ? size - need : layout.start + skipped;
-    if (!fits || (layout.exact_length && size - need != layout.offset)) {
-        const bool raw = layout.packing == Packing::recognised;
-        throw Error(
-            ErrorKind::invalid_argument, {name},
-            fmt::format("{} after {} bytes need {} bytes, but the file has {}{}",
-                        text_of_nodes(layout), layout.start + skipped,
-                        need + layout.start + skipped, size,
-                        raw ? "" : "; check the sizes, the type and what is skipped in its header"),
-            raw ? std::vector<Remedy>{{RemedyKind::correct_numbers, "dims,type,offset"}}
-                : std::vector<Remedy>{});
-    }
-}
-
-}  // namespace
 
 std::unique_ptr<VolumeSource> open_raw(const InputFile& file, const std::string& name,
                                        const RawLayout& given) {

@@ -1,6 +1,7 @@
 // Numbers as they lie in a file, plain or in a stream of deflate.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <string>
 
@@ -17,5 +18,9 @@ namespace isonest::detail {
 /// counts), Error{corrupt} (not packed as the layout says, fewer lines), Error{unsupported}.
 std::unique_ptr<VolumeSource> open_raw(const InputFile& file, const std::string& name,
                                        const RawLayout& given);
+
+/// The place behind `lines` lines from byte `at` of a file on. Throws Error{corrupt, io}.
+std::uint64_t behind_lines(const InputFile& file, const std::string& name, std::uint64_t at,
+                           std::uint64_t lines);
 
 }  // namespace isonest::detail
