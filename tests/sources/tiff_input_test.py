@@ -300,8 +300,12 @@ class Tiff(DamagedFiles, Input):
                 self.reads(np.ascontiguousarray(data[..., c]), "--index", f"c={c}")
 
     def test_what_cannot_be_read_is_refused(self):
-        tifffile.imwrite(self.path, numbers((7, 9), "u1") > 100, photometric="minisblack")
-        self.refuses(5, "1 bits")
+        if shutil.which("tiffcp"):
+            tifffile.imwrite(self.path, numbers((7, 9, 3), "u1"), photometric="rgb")
+            subprocess.run(["tiffcp", "-c", "jpeg", self.path, self.here / "jpeg.tif"], check=True, capture_output=True)
+            self.path, path = self.here / "jpeg.tif", self.path
+            self.refuses(5, "YCbCr")
+            self.path = path
         tifffile.imwrite(self.path, np.zeros((4, 2000, 2000), "u2"), photometric="minisblack", metadata=None,
                          rowsperstrip=2000, compression="zlib")
         self.refuses(7, "page 0", "MiB", options=("--memory", "48M"))
@@ -309,6 +313,100 @@ class Tiff(DamagedFiles, Input):
         empty.mkdir()
         self.path = empty
         self.refuses(5, "no volume in this folder", "TIFF")
+
+    def test_masks_of_one_bit(self):
+        for width in (1, 7, 8, 9, 33):
+            data = RANDOM.random((3, 12, width)) < 0.4
+            data[:, :2] = [[True], [False]]
+            for photometric in ("minisblack", "miniswhite"):
+                plain = self.here / "plain.tif"
+                tifffile.imwrite(plain, data, photometric=photometric, metadata=None)
+                np.testing.assert_array_equal(tifffile.imread(plain), data)  # as stored, either way
+                ways = [()]
+                if shutil.which("tiffcp"):
+                    ways = [("-f", order, "-c", way, *layout) for order, way, layout in itertools.product(
+                        ("lsb2msb", "msb2lsb"), ("none", "packbits", "g3", "g3:2d", "g4", "zip", "lzw"), (("-s", "-r", "5"), ("-t", "-w", "16", "-l", "16")))]
+                for way in ways:
+                    with self.subTest(width=width, photometric=photometric, way=way):
+                        self.path = plain
+                        if way:
+                            self.path = self.here / "v.tif"
+                            subprocess.run(["tiffcp", *way, plain, self.path], check=True, capture_output=True)
+                        done = self.reads(data.astype("u1"))
+                        self.assertEqual("MinIsWhite" in done.stdout + done.stderr, photometric == "miniswhite")
+        # Pillow writes and reads such files by itself.
+        try:
+            from PIL import Image
+        except ImportError:
+            self.skipTest("no Pillow (Debian: python3-pil)")
+        self.path = self.here / "pil.tif"
+        pages = [Image.fromarray(plane.astype("u1") * 255).convert("1", dither=Image.NONE) for plane in data]
+        for compression in (None, "group4", "packbits"):
+            pages[0].save(self.path, save_all=True, append_images=pages[1:], **({"compression": compression} if compression else {}))
+            self.reads(data.astype("u1"))
+
+    def test_previews_and_reduced_pages_are_left_out_and_named(self):
+        data = numbers((4, 40, 30), "u2")
+        small = numbers((20, 15, 3), "u1")
+
+        def write(*pages):
+            with tifffile.TiffWriter(self.path) as file:
+                for page, kind in pages:
+                    file.write(page, photometric="rgb" if page.ndim == 3 else "minisblack", subfiletype=kind, metadata=None)
+        volume = [(plane, 0) for plane in data]
+        for pages, words in (([(small, 0), *volume], ("1 page is left out", "page 0 (a preview of 15 x 20 x 3 samples uint8)")),
+                             ([*volume, (small, 0)], ("page 4 (a preview",)),
+                             ([(small, 0), *volume, (data[0, ::2, ::2], 0)], ("2 pages are left out", "page 0 (", "page 5 (a preview of 15 x 20 uint16")),
+                             ([(data[0, ::2, ::2], 1), *volume], ("page 0 (a reduced image)",)),
+                             ([*volume[:2], (small, 1), *volume[2:], (data[0] > 5, 4)], ("page 2 (a reduced image)", "page 5 (a mask)")),
+                             ([v for plane in volume for v in (plane, (plane[0][::2, ::2], 1))], ("4 pages are left out",))):
+            with self.subTest(words=words):
+                write(*pages)
+                with tifffile.TiffFile(self.path) as file:
+                    self.assertEqual(len(file.pages), len(pages))
+                done = self.reads(data)
+                for word in words:
+                    self.assertIn(word, done.stdout + done.stderr)
+        # A plane with smaller copies that nothing marks.
+        write((data[0], 0), (data[0, ::2, ::2], 0), (data[0, ::4, ::4], 0))
+        done = self.reads(data[:1])
+        self.assertIn("2 pages are left out", done.stdout + done.stderr)
+        for pages, words in (([*volume[:2], (small, 0), *volume[2:]], ("page 2: it is 15 x 20 x 3 samples uint8, but most pages are 30 x 40 uint16",)),
+                             ([*volume, (data[0, :, :20], 0)], ("page 4: it is 20 x 40",)),
+                             ([*volume, (data[0, :25, :20], 0)], ("page 4: it is 20 x 25",)),
+                             ([*volume, (data[0].astype("u1"), 0)], ("page 4: it is 30 x 40 uint8",)),
+                             ([(small, 1)], ("all of its pages are reduced",))):
+            with self.subTest(words=words):
+                write(*pages)
+                self.refuses(5, *words)
+        # A preview in colours that are not read does not end the set.
+        if shutil.which("tiffcp"):
+            jpeg, planes = self.here / "jpeg.tif", self.here / "planes.tif"
+            tifffile.imwrite(jpeg, small, photometric="rgb")
+            subprocess.run(["tiffcp", "-c", "jpeg", jpeg, self.here / "preview.tif"], check=True, capture_output=True)
+            tifffile.imwrite(planes, data, photometric="minisblack", metadata=None)
+            subprocess.run(["tiffcp", self.here / "preview.tif", self.path], check=True, capture_output=True)
+            subprocess.run(["tiffcp", "-a", planes, self.path], check=True, capture_output=True)
+            done = self.reads(data)
+            self.assertIn("page 0 (a preview", done.stdout + done.stderr)
+        # In a folder of single pages a smaller one is no preview.
+        self.path = self.stack([data[0], data[1], data[2, ::2, ::2]], ["0.tif", "1.tif", "2.tif"])
+        self.refuses(5, "2.tif", "15 x 20 uint16")
+
+    def test_whole_axes_of_pages_and_samples(self):
+        data = numbers((5, 7, 9), "u2")
+        for axes, name in (("TYX", "t"), ("CYX", "c")):
+            tifffile.imwrite(self.path, data, imagej=True, metadata={"axes": axes})
+            self.refuses(5, f"--index {name}=0", f"--index {name}=:")
+            done = self.reads(data, "--index", f"{name}=:")
+            self.assertIn(f"axis '{name}' is no direction in space; it is taken as z, with a spacing of 1", done.stdout + done.stderr)
+            self.reads(data[3], "--index", f"{name}=3")
+        colours = numbers((7, 9, 3), "u2")
+        for planar in ("contig", "separate"):
+            tifffile.imwrite(self.path, colours if planar == "contig" else np.moveaxis(colours, -1, 0), photometric="rgb", planarconfig=planar, metadata=None)
+            self.reads(np.ascontiguousarray(np.moveaxis(colours, -1, 0)), "--index", "c=:")
+        tifffile.imwrite(self.path, numbers((4, 7, 9, 3), "u1"), photometric="rgb", metadata=None, truncate=True)
+        self.reads(np.ascontiguousarray(np.moveaxis(tifffile.imread(self.path)[2], -1, 0)), "--index", "c=:,z=2")
 
     def test_a_damaged_tag_that_decides_numbers_is_not_left_out(self):
         data = numbers((3, 20, 17))

@@ -30,6 +30,9 @@ struct PagePlace {
     std::int64_t first = 0;
     std::int64_t step = 1;
     std::int64_t sample = 0;
+    std::int64_t sample_step = 0;  ///< to that of the next plane
+    bool is_stack = true;          ///< the planes are slices, or there is one alone
+    std::vector<std::string> notes = {};
 };
 
 class TiffSource : public VolumeSource {
@@ -52,8 +55,8 @@ class TiffSource : public VolumeSource {
         return pages_->files();
     }
     [[nodiscard]] std::string identity() const override {
-        return fmt::format("{}pages {} {} sample {}\n", identity_of(files()), place_.first,
-                           place_.step, place_.sample);
+        return fmt::format("{}pages {} {} sample {}{}\n", identity_of(files()), place_.first,
+                           place_.step, place_.sample, place_.sample_step > 0 ? " on" : "");
     }
     [[nodiscard]] Granularity granularity() const override { return {1, pages_->rows()}; }
     [[nodiscard]] std::uint64_t heap() const override { return (1U << 20U) + pages_->heap(); }
@@ -64,8 +67,9 @@ class TiffSource : public VolumeSource {
             const std::int64_t at = place_.first + z * place_.step;
             const std::int64_t page =
                 place_.order.empty() ? at : place_.order[static_cast<std::size_t>(at)];
+            const std::int64_t sample = place_.sample + z * place_.sample_step;
             for (std::int64_t y = y0; y < y0 + ny; ++y, dst += row) {
-                pages_->read_row(page, y, place_.sample, dst);
+                pages_->read_row(page, y, sample, dst);
             }
         }
     }
@@ -88,29 +92,47 @@ PagePlace place_of(const std::vector<ArrayAxis>& page_axes, const TiffPage& page
     if (page.samples > 1) {
         axes.push_back({has_channels ? "sample" : "c", page.samples, false});
     }
-    const ChosenAxes chosen = choose_axes(axes, options.index, name);
+    ChosenAxes chosen = choose_axes(axes, options.index, name);
     const std::size_t y = page_axes.size();
-    PagePlace place;
-    // Axes of length 1 may have been dropped.
-    const auto is_axis = [&](std::size_t a, std::size_t of) {
-        return chosen.axis.at(a) == of || (axes[of].length == 1 && chosen.at[of] == 0);
-    };
-    if (!is_axis(0, y + 1) || !is_axis(1, y) || chosen.nodes.x != page.width ||
-        chosen.nodes.y != page.height) {
+    // x and y are those of the pages; z is one of the others.
+    std::optional<std::size_t> z;
+    bool whole = true;
+    for (const auto& axis : chosen.axis) {
+        if (axis && *axis != y && *axis != y + 1) {
+            whole = whole && !z;
+            z = axis;
+        }
+    }
+    for (const std::size_t i : {y, y + 1}) {
+        const bool is_axis =
+            std::find(chosen.axis.begin(), chosen.axis.end(), i) != chosen.axis.end();
+        // Axes of length 1 may have been dropped.
+        whole = whole && (is_axis || axes[i].length == 1);
+    }
+    if (!whole) {
         throw Error(ErrorKind::unsupported, {name},
                     "an index chooses pages and samples; a part of them is a crop",
                     {{RemedyKind::choose_index}});
     }
-    place.nodes = chosen.nodes;
+    PagePlace place;
+    place.nodes = {page.width, page.height, z ? axes[*z].length : 1};
     std::int64_t stride = 1;
     for (std::size_t i = y; i-- > 0;) {
         place.first += chosen.at[i] * stride;
-        if (chosen.axis[2] == i) {
+        if (z == i) {
             place.step = stride;
         }
         stride *= axes[i].length;
     }
     place.sample = page.samples > 1 ? chosen.at.back() : 0;
+    if (z && *z > y + 1) {
+        place.step = 0;
+        place.sample_step = 1;
+    }
+    place.is_stack = !z || axes[*z].name == "z";
+    chosen.no_space = {false, false, z && !axes[*z].of_volume && axes[*z].length > 1};
+    chosen.axis[2] = z;
+    place.notes = notes_of(chosen, axes, Double3{1, 1, 1});
     return place;
 }
 
@@ -138,7 +160,7 @@ std::unique_ptr<VolumeSource> open_images(const TiffPages& pages, const PagePlac
     const std::int64_t row = place.nodes.x * pixel;
     const std::int64_t plane = place.nodes.y * row;
     layout.first = static_cast<std::uint64_t>(place.first * plane + place.sample);
-    layout.strides = Int3{pixel, row, place.step * plane};
+    layout.strides = Int3{pixel, row, place.sample_step > 0 ? 1 : place.step * plane};
     layout.whole =
         static_cast<std::uint64_t>((place.first + (place.nodes.z - 1) * place.step + 1) * plane);
     return open_raw(pages.files().front(), name, layout);
@@ -184,10 +206,12 @@ std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOp
         return pages->page_of(file, directory);
     };
     TiffAxes axes = axes_of_description(pages->description(), set);
+    PagePlace place = place_of(axes.pages, pages->page(), options, name);
+    place.order = std::move(axes.order);
     Double3 spacing{1, 1, 1};
     if (axes.spacing) {
         const std::array<double, 2> resolution{pages->x_resolution(), pages->y_resolution()};
-        for (std::size_t a = 0; a < 3; ++a) {
+        for (std::size_t a = 0; a < (place.is_stack ? 3 : 2); ++a) {
             if (axes.spacing->at(a) > 0) {
                 spacing.at(a) = axes.spacing->at(a);
             } else if (resolution.at(a) > 0 && std::isfinite(resolution.at(a))) {
@@ -196,8 +220,9 @@ std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOp
             spacing.at(a) = axes.unit.converted(a, spacing.at(a));
         }
     }
-    PagePlace place = place_of(axes.pages, pages->page(), options, name);
-    place.order = std::move(axes.order);
+    std::vector<std::string> notes = pages->notes();
+    notes.insert(notes.end(), place.notes.begin(), place.notes.end());
+    notes.insert(notes.end(), axes.unit.notes.begin(), axes.unit.notes.end());
     const std::optional<StoredNumber> stored = pages->page().stored;
     std::unique_ptr<VolumeSource> source;
     if (contiguous) {
@@ -206,7 +231,7 @@ std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOp
         source =
             std::make_unique<TiffSource>(std::move(pages), place, spacing, axes.unit.unit, name);
     }
-    source = with_notes(std::move(source), axes.unit.notes);
+    source = with_notes(std::move(source), std::move(notes));
     return stored ? converted(std::move(source), *stored) : std::move(source);
 }
 

@@ -69,6 +69,12 @@ std::size_t bytes_of(const TiffPage& page) {
     return size_of(page.stored ? bits_type(*page.stored) : page.type);
 }
 
+/// Of `columns` values of a row, all samples of a pixel together or one.
+std::size_t stored_bytes(const TiffPage& page, std::int64_t columns, std::int64_t samples) {
+    return page.bits ? static_cast<std::size_t>((columns + 7) / 8)
+                     : static_cast<std::size_t>(columns * samples) * bytes_of(page);
+}
+
 /// MetaMorph's tag UIC2 has a number for each plane.
 std::int64_t planes_of_metamorph(TIFF* file) {
     constexpr std::uint32_t kUic2 = 33629;
@@ -93,7 +99,9 @@ std::int64_t rows_of_part(TIFF* file, std::int64_t height) {
 std::string TiffPage::text() const {
     return fmt::format("{} x {}{} {}", width, height,
                        samples > 1 ? fmt::format(" x {} samples", samples) : "",
-                       stored ? "float16 or 64-bit integers" : std::string(name_of(type)));
+                       bits     ? "bits"
+                       : stored ? "float16 or 64-bit integers"
+                                : std::string(name_of(type)));
 }
 
 TiffPages::TiffPages(std::vector<std::filesystem::path> files, std::uint64_t max_heap)
@@ -101,18 +109,18 @@ TiffPages::TiffPages(std::vector<std::filesystem::path> files, std::uint64_t max
     for (std::uint32_t i = 0; i < files_.size(); ++i) {
         list(i);
     }
+    choose();
+    read_first();
+    note_what_is_left_out();
 }
 
 std::uint64_t TiffPages::heap() const {
     return 2 * buffer_bytes_ + places_.size() * sizeof(Place);
 }
 
-std::string TiffPages::name_of_page(std::int64_t page) const {
-    return fmt::format("page {}", page);
-}
-
-void TiffPages::fail(std::int64_t page, const std::string& what) const {
-    throw Error(ErrorKind::corrupt, {files_[open_].string(), name_of_page(page)},
+void TiffPages::fail(const Place& place, const std::string& what) const {
+    throw Error(ErrorKind::corrupt,
+                {files_[place.file].string(), fmt::format("page {}", place.number)},
                 problem_.empty() ? what : fmt::format("{}: {}", what, problem_));
 }
 
@@ -141,27 +149,155 @@ void TiffPages::open(std::uint32_t file) {
 
 void TiffPages::list(std::uint32_t file) {
     open(file);
-    std::int64_t number = 0;
+    Place place{file, 0, 0};
     do {
-        if (places_.size() >= kMostPages) {
+        if (seen_.size() >= kMostPages) {
             throw Error(ErrorKind::unsupported, {files_[file].string()},
                         fmt::format("more than {} pages", kMostPages));
         }
-        // Small copies of an image, for viewers, are no slices.
-        constexpr std::uint32_t kReduced = 1;
-        if ((tag_or<std::uint32_t>(file_.get(), TIFFTAG_SUBFILETYPE, 0) & kReduced) == 0) {
-            look_at({file, TIFFCurrentDirOffset(file_.get()), number});
+        place.directory = TIFFCurrentDirOffset(file_.get());
+        const auto kind = tag_or<std::uint32_t>(file_.get(), TIFFTAG_SUBFILETYPE, 0);
+        const auto old = tag_or<std::uint16_t>(file_.get(), TIFFTAG_OSUBFILETYPE, 0);
+        // Small copies of an image, for viewers, and masks are no slices.
+        if ((kind & FILETYPE_REDUCEDIMAGE) != 0 || old == OFILETYPE_REDUCEDIMAGE) {
+            leave_out(place, "a reduced image");
+        } else if ((kind & FILETYPE_MASK) != 0) {
+            leave_out(place, "a mask");
+        } else {
+            look_at(place);
+            if (!warning_.empty()) {
+                fail(place, "its directory is damaged: " + warning_);
+            }
         }
-        // What look_at() does not read at all is told first.
-        if (!warning_.empty()) {
-            fail(number, "its directory is damaged: " + warning_);
-        }
-        ++number;
+        warning_.clear();
+        ++place.number;
         problem_.clear();
     } while (TIFFReadDirectory(file_.get()) == 1);
     if (!problem_.empty()) {
-        fail(count(), "its directory cannot be read");
+        fail(place, "its directory cannot be read");
     }
+}
+
+void TiffPages::leave_out(const Place& place, const std::string& why) {
+    constexpr std::size_t kListed = 5;
+    if (left_out_count_++ < kListed) {
+        left_out_.push_back(fmt::format(
+            "{}page {} ({})",
+            files_.size() > 1 ? files_[place.file].filename().string() + ", " : std::string(),
+            place.number, why));
+    }
+}
+
+void TiffPages::note_what_is_left_out() {
+    if (left_out_count_ == 0) {
+        return;
+    }
+    std::string text;
+    for (const std::string& page : left_out_) {
+        text += (text.empty() ? "" : ", ") + page;
+    }
+    if (left_out_count_ > left_out_.size()) {
+        text += fmt::format(" and {} more", left_out_count_ - left_out_.size());
+    }
+    notes_.push_back(fmt::format("{} page{} left out: {}", left_out_count_,
+                                 left_out_count_ == 1 ? " is" : "s are", text));
+}
+
+/// Previews are at most half as wide and as high as the pages that they show, and stand before or
+/// behind them in a file.
+void TiffPages::choose() {
+    const auto area = [](const Kind& kind) {
+        return static_cast<double>(kind.page.width) * static_cast<double>(kind.page.height);
+    };
+    if (kinds_.empty()) {
+        throw Error(ErrorKind::unsupported, {files_.front().string()},
+                    "all of its pages are reduced images or masks");
+    }
+    const auto main =
+        std::max_element(kinds_.begin(), kinds_.end(), [&](const Kind& a, const Kind& b) {
+            return a.count != b.count ? a.count < b.count : area(a) < area(b);
+        });
+    const auto main_kind = static_cast<std::uint32_t>(main - kinds_.begin());
+    const auto refuse = [&](const Place& place, const std::string& problem) {
+        throw Error(ErrorKind::unsupported,
+                    {files_[place.file].string(), fmt::format("page {}", place.number)}, problem);
+    };
+    for (auto from = seen_.begin(); from != seen_.end();) {
+        const auto to = std::find_if(
+            from, seen_.end(), [&](const Seen& s) { return s.place.file != from->place.file; });
+        const auto is_main = [&](const Seen& s) { return s.kind == main_kind; };
+        const auto first = std::find_if(from, to, is_main);
+        auto last = to;
+        while (last != first && !is_main(*(last - 1))) {
+            --last;
+        }
+        for (auto s = from; s != to; ++s) {
+            const Kind& kind = kinds_[s->kind];
+            if (is_main(*s)) {
+                if (!kind.problem.empty()) {
+                    refuse(s->place, kind.problem);
+                }
+                places_.push_back(s->place);
+                continue;
+            }
+            const bool is_outside = first != to && (s < first || s >= last);
+            if (!is_outside || 2 * kind.page.width > main->page.width ||
+                2 * kind.page.height > main->page.height) {
+                refuse(s->place,
+                       kind.problem.empty()
+                           ? fmt::format("it is {}, but {} {}", kind.page.text(),
+                                         main->count > 1 ? "most pages are" : "another page is",
+                                         main->page.text())
+                           : kind.problem);
+            }
+            leave_out(s->place, fmt::format("a preview of {}", kind.page.text()));
+        }
+        from = to;
+    }
+    page_ = main->page;
+    rows_ = main->rows;
+    buffer_bytes_ = main->bytes;
+    if (main->bytes > max_heap_ / 2) {
+        throw Error(
+            ErrorKind::limit,
+            {files_[main->largest.file].string(), fmt::format("page {}", main->largest.number)},
+            fmt::format("rows that are stored together take {} MiB", main->bytes >> 20U),
+            {{RemedyKind::more_memory}, {RemedyKind::smaller_input_chunk}});
+    }
+    seen_ = {};
+    kinds_ = {};
+}
+
+/// What the first page says of all.
+void TiffPages::read_first() {
+    const auto description_at = [this] {
+        const char* text = nullptr;
+        return TIFFGetField(file_.get(), TIFFTAG_IMAGEDESCRIPTION, &text) == 1 && text != nullptr
+                   ? std::string(text)
+                   : std::string();
+    };
+    go_to_directory(places_.front());
+    TIFF* const t = file_.get();
+    description_ = description_at();
+    planes_of_stack_ = planes_of_metamorph(t);
+    resolution_ = {static_cast<double>(tag_or<float>(t, TIFFTAG_XRESOLUTION, 0)),
+                   static_cast<double>(tag_or<float>(t, TIFFTAG_YRESOLUTION, 0))};
+    if (tag_or<std::uint16_t>(t, TIFFTAG_COMPRESSION, COMPRESSION_NONE) == COMPRESSION_NONE &&
+        TIFFIsTiled(t) == 0 && !page_.bits &&
+        (page_.samples == 1 || tag_or<std::uint16_t>(t, TIFFTAG_PLANARCONFIG,
+                                                     PLANARCONFIG_CONTIG) == PLANARCONFIG_CONTIG)) {
+        plain_ = Plain{TIFFGetStrileOffset(t, 0), TIFFIsBigEndian(t) != 0};
+    }
+    if (tag_or<std::uint16_t>(t, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK) ==
+        PHOTOMETRIC_MINISWHITE) {
+        notes_.emplace_back(
+            "larger values are meant to be shown darker (MinIsWhite); they are as stored");
+    }
+    // The description of a file may be that of its preview.
+    if (description_.empty() && places_.front().number > 0 && TIFFSetDirectory(t, 0) == 1) {
+        description_ = description_at();
+    }
+    current_ = -1;
 }
 
 std::optional<std::int64_t> TiffPages::page_of(std::size_t file, std::int64_t directory) const {
@@ -176,32 +312,47 @@ std::optional<std::int64_t> TiffPages::page_of(std::size_t file, std::int64_t di
 }
 
 void TiffPages::look_at(const Place& place) {
+    constexpr std::size_t kMostKinds = 1000;
+    Kind kind = kind_of(place);
+    const auto same = [&](const Kind& k) {
+        return k.page == kind.page && k.problem == kind.problem;
+    };
+    // Pages that follow each other are mostly alike.
+    auto found = !seen_.empty() && same(kinds_[seen_.back().kind])
+                     ? kinds_.begin() + seen_.back().kind
+                     : std::find_if(kinds_.begin(), kinds_.end(), same);
+    if (found == kinds_.end()) {
+        if (kinds_.size() >= kMostKinds) {
+            throw Error(ErrorKind::unsupported, {files_[place.file].string()},
+                        fmt::format("pages of more than {} sizes or types", kMostKinds));
+        }
+        kinds_.push_back(kind);
+        found = kinds_.end() - 1;
+    }
+    ++found->count;
+    found->rows = std::max(found->rows, kind.rows);
+    if (kind.bytes > found->bytes || found->count == 1) {
+        found->bytes = kind.bytes;
+        found->largest = place;
+    }
+    seen_.push_back({place, static_cast<std::uint32_t>(found - kinds_.begin())});
+}
+
+TiffPages::Kind TiffPages::kind_of(const Place& place) {
     TIFF* const t = file_.get();
-    const std::int64_t number = count();
-    TiffPage page;
+    Kind kind;
+    TiffPage& page = kind.page;
     page.width = tag_or<std::uint32_t>(t, TIFFTAG_IMAGEWIDTH, 0);
     page.height = tag_or<std::uint32_t>(t, TIFFTAG_IMAGELENGTH, 0);
     page.samples = tag_or<std::uint16_t>(t, TIFFTAG_SAMPLESPERPIXEL, 1);
     const int bits = tag_or<std::uint16_t>(t, TIFFTAG_BITSPERSAMPLE, 1);
     const int format = tag_or<std::uint16_t>(t, TIFFTAG_SAMPLEFORMAT, SAMPLEFORMAT_UINT);
-    const auto unsupported = [&](const std::string& what) {
-        throw Error(ErrorKind::unsupported, {files_[place.file].string(), name_of_page(number)},
-                    what);
-    };
     if (page.width < 1 || page.height < 1 || page.samples < 1) {
-        fail(number, "it has no size");
+        fail(place, "it has no size");
     }
-    if (format == SAMPLEFORMAT_COMPLEXINT || format == SAMPLEFORMAT_COMPLEXIEEEFP) {
-        unsupported("complex numbers");
-    }
-    if (const auto depth = std::max(tag_or<std::uint32_t>(t, TIFFTAG_IMAGEDEPTH, 1),
-                                    tag_or<std::uint32_t>(t, TIFFTAG_TILEDEPTH, 1));
-        depth > 1) {
-        unsupported(
-            fmt::format("{} planes in one page (ImageDepth, TileDepth); write each plane "
-                        "to a page of its own",
-                        depth));
-    }
+    const auto depth = std::max(tag_or<std::uint32_t>(t, TIFFTAG_IMAGEDEPTH, 1),
+                                tag_or<std::uint32_t>(t, TIFFTAG_TILEDEPTH, 1));
+    const auto compression = tag_or<std::uint16_t>(t, TIFFTAG_COMPRESSION, COMPRESSION_NONE);
     const bool is_float = format == SAMPLEFORMAT_IEEEFP;
     const bool is_signed = format == SAMPLEFORMAT_INT;
     if (is_float && bits == 16) {
@@ -216,72 +367,57 @@ void TiffPages::look_at(const Place& place) {
         page.type = is_signed ? ValueType::i16 : ValueType::u16;
     } else if (!is_float && bits == 32) {
         page.type = is_signed ? ValueType::i32 : ValueType::u32;
+    } else if (bits == 1 && page.samples == 1) {
+        page.bits = true;
     } else {
-        unsupported(fmt::format("{} bits a value: 8, 16, 32 and 64 are read", bits));
+        kind.problem = fmt::format("{} bits a value: 1, 8, 16, 32 and 64 are read", bits);
     }
-    if (tag_or<std::uint16_t>(t, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK) ==
-        PHOTOMETRIC_YCBCR) {
-        unsupported("colours as brightness and two differences (YCbCr)");
-    }
-    const auto compression = tag_or<std::uint16_t>(t, TIFFTAG_COMPRESSION, COMPRESSION_NONE);
-    if (TIFFIsCODECConfigured(compression) == 0) {
-        unsupported(fmt::format("compression {}, which the installed libtiff does not decode",
-                                compression));
-    }
-    if (places_.empty()) {
-        page_ = page;
-        description_ = [&] {
-            const char* text = nullptr;
-            return TIFFGetField(t, TIFFTAG_IMAGEDESCRIPTION, &text) == 1 && text != nullptr
-                       ? std::string(text)
-                       : std::string();
-        }();
-        planes_of_stack_ = planes_of_metamorph(t);
-        resolution_ = {static_cast<double>(tag_or<float>(t, TIFFTAG_XRESOLUTION, 0)),
-                       static_cast<double>(tag_or<float>(t, TIFFTAG_YRESOLUTION, 0))};
-        if (compression == COMPRESSION_NONE && TIFFIsTiled(t) == 0 &&
-            (page.samples == 1 ||
-             tag_or<std::uint16_t>(t, TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG) ==
-                 PLANARCONFIG_CONTIG)) {
-            plain_ = Plain{TIFFGetStrileOffset(t, 0), TIFFIsBigEndian(t) != 0};
-        }
-    } else if (!(page == page_)) {
-        unsupported(fmt::format("it is {}, but the first page is {}", page.text(), page_.text()));
+    if (format == SAMPLEFORMAT_COMPLEXINT || format == SAMPLEFORMAT_COMPLEXIEEEFP) {
+        kind.problem = "complex numbers";
+    } else if (depth > 1) {
+        kind.problem = fmt::format(
+            "{} planes in one page (ImageDepth, TileDepth); write each plane to a page of its own",
+            depth);
+    } else if (kind.problem.empty() &&
+               tag_or<std::uint16_t>(t, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK) ==
+                   PHOTOMETRIC_YCBCR) {
+        kind.problem = "colours as brightness and two differences (YCbCr)";
+    } else if (kind.problem.empty() && TIFFIsCODECConfigured(compression) == 0) {
+        kind.problem =
+            fmt::format("compression {}, which the installed libtiff does not decode", compression);
     }
     const bool tiled = TIFFIsTiled(t) != 0;
-    const std::int64_t rows = rows_of_part(t, page.height);
-    if (rows < 1) {
-        fail(number, "its strips have no rows");
+    if (tiled && page.bits && tag_or<std::uint32_t>(t, TIFFTAG_TILEWIDTH, 1) % 8 != 0) {
+        kind.problem = "bits in tiles whose width is no multiple of 8";
     }
-    const std::uint64_t row =
-        static_cast<std::uint64_t>(page.width * page.samples) * bytes_of(page);
+    if (!kind.problem.empty()) {
+        return kind;
+    }
+    kind.rows = rows_of_part(t, page.height);
+    if (kind.rows < 1) {
+        fail(place, "its strips have no rows");
+    }
     const auto part = static_cast<std::uint64_t>(
         std::max<tmsize_t>(tiled ? TIFFTileSize(t) : TIFFStripSize(t), 0));
-    check_size(static_cast<std::uint64_t>(rows) * row);
-    check_size(part);
-    buffer_bytes_ = std::max({buffer_bytes_, static_cast<std::uint64_t>(rows) * row, part});
-    rows_ = std::max(rows_, rows);
-    places_.push_back(place);
+    kind.bytes = std::max(
+        static_cast<std::uint64_t>(kind.rows) * stored_bytes(page, page.width, page.samples), part);
+    return kind;
 }
 
-void TiffPages::check_size(std::uint64_t bytes) const {
-    if (bytes > max_heap_ / 2) {
-        throw Error(ErrorKind::limit, {files_[open_].string(), name_of_page(count())},
-                    fmt::format("rows that are stored together take {} MiB", bytes >> 20U),
-                    {{RemedyKind::more_memory}, {RemedyKind::smaller_input_chunk}});
+void TiffPages::go_to_directory(const Place& place) {
+    open(place.file);
+    problem_.clear();
+    if (TIFFSetSubDirectory(file_.get(), place.directory) != 1) {
+        fail(place, "its directory cannot be read");
     }
 }
 
 void TiffPages::go_to(std::int64_t page) {
-    const Place& place = places_[static_cast<std::size_t>(page)];
-    open(place.file);
+    open(at(page).file);
     if (page == current_) {
         return;
     }
-    problem_.clear();
-    if (TIFFSetSubDirectory(file_.get(), place.directory) != 1) {
-        fail(page, "its directory cannot be read");
-    }
+    go_to_directory(at(page));
     TIFF* const t = file_.get();
     current_ = page;
     tiled_ = TIFFIsTiled(t) != 0;
@@ -291,7 +427,7 @@ void TiffPages::go_to(std::int64_t page) {
     if (part_rows_ < 1 || part_rows_ > rows_ ||
         tag_or<std::uint32_t>(t, TIFFTAG_IMAGEWIDTH, 0) != page_.width ||
         tag_or<std::uint32_t>(t, TIFFTAG_IMAGELENGTH, 0) != page_.height) {
-        fail(page, "it has changed since it was looked at");
+        fail(at(page), "it has changed since it was looked at");
     }
 }
 
@@ -303,33 +439,32 @@ void TiffPages::decode(std::int64_t page, std::int64_t y, std::int64_t sample) {
     const auto row = static_cast<std::uint32_t>(y / part_rows_ * part_rows_);
     const auto plane = static_cast<std::uint16_t>(separate_ ? sample : 0);
     const std::int64_t stored = separate_ ? 1 : page_.samples;
-    const std::size_t pixel = static_cast<std::size_t>(stored) * bytes_of(page_);
-    const std::size_t row_bytes = static_cast<std::size_t>(page_.width) * pixel;
+    const std::size_t row_bytes = stored_bytes(page_, page_.width, stored);
     const auto rows = static_cast<std::size_t>(std::min(part_rows_, page_.height - row));
     buffer_.resize(rows * row_bytes);
     if (!tiled_) {
         const tmsize_t n = TIFFReadEncodedStrip(t, TIFFComputeStrip(t, row, plane), buffer_.data(),
                                                 static_cast<tmsize_t>(buffer_.size()));
         if (n != static_cast<tmsize_t>(buffer_.size())) {
-            fail(page, fmt::format("rows from {} on cannot be decoded", row));
+            fail(at(page), fmt::format("rows from {} on cannot be decoded", row));
         }
     } else {
         const auto width = tag_or<std::uint32_t>(t, TIFFTAG_TILEWIDTH, 1);
         tile_.resize(static_cast<std::size_t>(TIFFTileSize(t)));
-        if (width < 1 || tile_.size() < static_cast<std::size_t>(part_rows_) * width * pixel) {
-            fail(page, "its tiles have no size");
+        const std::size_t tile_row = stored_bytes(page_, width, stored);
+        if (width < 1 || tile_.size() < static_cast<std::size_t>(part_rows_) * tile_row) {
+            fail(at(page), "its tiles have no size");
         }
         for (std::int64_t x = 0; x < page_.width; x += width) {
             const auto number = TIFFComputeTile(t, static_cast<std::uint32_t>(x), row, 0, plane);
             if (TIFFReadEncodedTile(t, number, tile_.data(), static_cast<tmsize_t>(tile_.size())) <
                 0) {
-                fail(page, fmt::format("the tile at ({}, {}) cannot be decoded", x, row));
+                fail(at(page), fmt::format("the tile at ({}, {}) cannot be decoded", x, row));
             }
-            const auto columns =
-                static_cast<std::size_t>(std::min<std::int64_t>(width, page_.width - x));
+            const auto columns = std::min<std::int64_t>(width, page_.width - x);
             for (std::size_t r = 0; r < rows; ++r) {
-                std::memcpy(buffer_.data() + r * row_bytes + static_cast<std::size_t>(x) * pixel,
-                            tile_.data() + r * width * pixel, columns * pixel);
+                std::memcpy(buffer_.data() + r * row_bytes + stored_bytes(page_, x, stored),
+                            tile_.data() + r * tile_row, stored_bytes(page_, columns, stored));
             }
         }
     }
@@ -346,8 +481,14 @@ void TiffPages::read_row(std::int64_t page, std::int64_t y, std::int64_t sample,
     const std::size_t value = bytes_of(page_);
     const std::int64_t stored = separate_ ? 1 : page_.samples;
     const std::size_t pixel = static_cast<std::size_t>(stored) * value;
-    const std::byte* from =
-        buffer_.data() + static_cast<std::size_t>((y - decoded_from_) * page_.width) * pixel;
+    const std::byte* from = buffer_.data() + static_cast<std::size_t>(y - decoded_from_) *
+                                                 stored_bytes(page_, page_.width, stored);
+    if (page_.bits) {  // the first one is the highest, whatever the file's fill order is
+        for (std::int64_t x = 0; x < page_.width; ++x) {
+            dst[x] = from[x / 8] >> static_cast<unsigned>(7 - x % 8) & std::byte{1};
+        }
+        return;
+    }
     if (stored == 1) {
         std::memcpy(dst, from, static_cast<std::size_t>(page_.width) * value);
         return;

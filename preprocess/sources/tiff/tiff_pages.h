@@ -24,6 +24,7 @@ struct TiffPage {
     std::int64_t samples = 1;  ///< per pixel
     ValueType type = ValueType::u8;
     std::optional<StoredNumber> stored;  ///< in place of the type
+    bool bits = false;                   ///< each value is one bit in the file, 0 or 1
     [[nodiscard]] std::string text() const;
     bool operator==(const TiffPage&) const = default;
 };
@@ -31,9 +32,10 @@ struct TiffPage {
 /// One file at a time is open. Thread-safety: one thread.
 class TiffPages {
   public:
-    /// Reads the headers of all pages of all files. Throws Error{corrupt, io, unsupported} (a page
-    /// that differs from the first one is named), Error{limit} if a strip or a row of tiles takes
-    /// more than `max_heap` bytes.
+    /// Reads the headers of all pages of all files. Pages are those of the size and type that most
+    /// have; reduced images, masks, and previews at the beginning or end of a file are left out.
+    /// Throws Error{corrupt, io, unsupported} (another page that differs is named), Error{limit} if
+    /// a strip or a row of tiles takes more than `max_heap` bytes.
     TiffPages(std::vector<std::filesystem::path> files, std::uint64_t max_heap);
 
     [[nodiscard]] std::int64_t count() const { return static_cast<std::int64_t>(places_.size()); }
@@ -60,6 +62,8 @@ class TiffPages {
     /// MetaMorph's stacks (.stk) have all planes behind the first page: how many, else 1.
     [[nodiscard]] std::int64_t planes_of_stack() const { return planes_of_stack_; }
     [[nodiscard]] const std::vector<std::filesystem::path>& files() const { return files_; }
+    /// What is left out, and what the values mean.
+    [[nodiscard]] const std::vector<std::string>& notes() const { return notes_; }
 
     /// A sample of row `y`, native endianness, of the width. REQUIRES: they are there.
     void read_row(std::int64_t page, std::int64_t y, std::int64_t sample, std::byte* dst);
@@ -73,17 +77,42 @@ class TiffPages {
         std::uint64_t directory;  ///< its offset in the file
         std::int64_t number;      ///< of the file's directories
     };
+    /// Pages that are alike.
+    struct Kind {
+        TiffPage page;
+        std::string problem;  ///< why such pages are not read; empty: they are
+        std::int64_t count = 0;
+        std::int64_t rows = 1;    ///< that are decoded together, at most
+        std::uint64_t bytes = 0;  ///< of these
+        Place largest = {};       ///< a page with that many bytes
+    };
+    struct Seen {
+        Place place;
+        std::uint32_t kind;
+    };
     void open(std::uint32_t file);
     void list(std::uint32_t file);
     void look_at(const Place& place);
-    void check_size(std::uint64_t bytes) const;
+    Kind kind_of(const Place& place);
+    void choose();
+    void leave_out(const Place& place, const std::string& why);
+    void note_what_is_left_out();
+    void read_first();
+    void go_to_directory(const Place& place);
     void go_to(std::int64_t page);
     void decode(std::int64_t page, std::int64_t y, std::int64_t sample);
-    [[nodiscard]] std::string name_of_page(std::int64_t page) const;
-    [[noreturn]] void fail(std::int64_t page, const std::string& what) const;
+    [[noreturn]] void fail(const Place& place, const std::string& what) const;
+    [[nodiscard]] const Place& at(std::int64_t page) const {
+        return places_[static_cast<std::size_t>(page)];
+    }
 
     std::vector<std::filesystem::path> files_;
     std::uint64_t max_heap_;
+    std::vector<Seen> seen_;  ///< until they are chosen
+    std::vector<Kind> kinds_;
+    std::vector<std::string> left_out_;  ///< the first ones
+    std::size_t left_out_count_ = 0;
+    std::vector<std::string> notes_;
     std::vector<Place> places_;
     TiffPage page_;
     std::string description_;
