@@ -1,4 +1,5 @@
 """Makes the seeds of the fuzzing corpus anew.   Usage: make_corpus.py ISONEST"""
+import bz2
 import gzip
 import json
 import pathlib
@@ -55,6 +56,29 @@ seed("nrrd", "raw", header + b"raw\n\n" + values)
 seed("nrrd", "gzip", header + b"gzip\n\n" + gzip.compress(values, mtime=0))
 seed("nrrd", "skip", header + b"raw\nbyte skip: -1\n\n" + values)
 seed("nrrd", "detached", header + b"raw\ndata file: v.nrrd\n\n")
+seed("nrrd", "bzip2", header + b"bzip2\n\n" + bz2.compress(values))
+seed("nrrd", "text", header + b"ascii\n\n" + b" ".join(b"%d" % i for i in range(-9, 15)))
+seed("nrrd", "hex", header + b"hex\n\n" + values.hex().encode())
+seed("nrrd", "list", header + b"raw\ndata file: LIST 2\nv.nrrd\nv.nrrd\n\n")
+seed("nrrd", "pattern", header + b"raw\ndata file: v%01d.nrrd 1 2 1 3\n\n")
+seed("nrrd", "vector", b"NRRD0004\ntype: uchar\ndimension: 4\nsizes: 3 2 2 2\nkinds: vector domain domain time\n"
+     b"labels: \"v\" \"x\" \"y\" \"t\"\nencoding: raw\n\n" + bytes(range(24)))
+pixels = bytes(range(6)) + b"\0\0"  # rows of six bytes in eight
+for bits, name, palette, rows in ((8, "bmp", bytes(0 if i % 4 == 3 else i // 4 for i in range(1024)), pixels * 3),
+                                  (24, "bmp_colours", b"", (b"\7\7\7" * 6 + b"\0\0") * 3), (1, "bmp_bits", b"\0\0\0\0\xff\xff\xff\0", b"\x54\0\0\0" * 3)):
+    start = 54 + len(palette)
+    seed("volume", name, struct.pack("<2sIHHI", b"BM", start + len(rows), 0, 0, start)
+         + struct.pack("<IiiHHIIiiII", 40, 6, 3, 1, bits, 0, len(rows), 0, 0, 0, 0) + palette + rows)
+
+
+def png_chunk(kind, body):
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+for interlaced in (0, 1):
+    rows = b"".join(b"\0" + bytes(range(i, i + 12)) for i in range(2))
+    seed("volume", f"png_{interlaced}", b"\x89PNG\r\n\x1a\n" + png_chunk(b"IHDR", struct.pack(">IIBBBBB", 6, 2, 16, 0, 0, 0, interlaced))
+         + png_chunk(b"IDAT", zlib.compress(rows + bytes(8 * interlaced))) + png_chunk(b"IEND", b""))
 seed("nrrd", "directions", b"NRRD0005\ntype: float\ndimension: 3\nspace: left-posterior-superior\n"
      b"sizes: 2 2 2\nspace directions: (1,0,0) (0,2,0) (0,0,3)\nendian: big\nencoding: raw\n\n"
      + struct.pack(">8f", *range(8)))

@@ -65,11 +65,12 @@ def pages_of(one, data, look):
     return pages
 
 
-def judge(path, data):
-    """tifffile reads the same, where it has the codecs. `data`: [pages, height, width, samples]."""
+def judge(path, data, before=0, behind=0):
+    """tifffile reads the same, where it has the codecs. `data`: [pages, height, width, samples]; pages before and behind them are previews."""
     try:
         with tifffile.TiffFile(path) as file:
             pages = [page for page in file.pages if not page.is_reduced]
+            pages = pages[before:len(pages) - behind]
             found = [page.asarray() for page in pages]
     except (ValueError, NotImplementedError, RuntimeError) as error:
         if "imagecodecs" in str(error) or "cannot decompress" in str(error) or "predictor" in str(error).lower():
@@ -98,7 +99,7 @@ def sample_of(one, data, name="c"):
     if samples == 1:
         return None, data[..., 0], None
     if one.chance(0.05):
-        return None, data[..., 0], "is no place"
+        return None, data[..., 0], "volumes along axis"
     s = int(one.random.integers(-samples, samples))
     return ({name: s} if one.chance(0.7) else (None, None, None, s)), data[..., s], None
 
@@ -108,10 +109,21 @@ def by_own_writer(one):
     look = look_of(one, data.dtype, data.shape[-1])
     path = one.folder / one.pick("a.tif", "a.tiff", "a", "a.raw")
     order = one.pick("<", ">")
-    tw.Tiff(one, order, bool(one.chance(0.3))).write(path, pages_of(one, data, look))
-    judge(path, data)
+    pages, before, behind = pages_of(one, data, look), [], []
+    if min(data.shape[1:3]) > 1 and one.chance(0.15):
+        # Previews, at most half as wide and as high, at the ends of the file.
+        before, behind = one.pick((1, 0), (0, 1), (1, 1) if len(data) > 2 else (1, 0))
+        before, behind = ([preview_of(one, data)] * n for n in (before, behind))
+    tw.Tiff(one, order, bool(one.chance(0.3))).write(path, [*before, *pages, *behind])
+    judge(path, data, len(before), len(behind))
     index, chosen, refused = sample_of(one, data)
     return check(one, path, chosen, {"index": index}, refused=refused)
+
+
+def preview_of(one, data):
+    kind, samples = one.pick("u1", "u2", data.dtype), one.pick(1, 3)
+    height, width = (int(one.random.integers(1, n // 2 + 1)) for n in data.shape[1:3])
+    return page_of(one, numbers(one, (height, width, samples), kind), {"compression": tw.NONE, "planar": 1, "photometric": 1, "predictor": 1})
 
 
 def by_tifffile(one):
@@ -177,8 +189,14 @@ def unreadable(one):
     elif what == "complex integers":
         data, look["format"], refused = data.astype(one.pick("u4", "u8")), 5, "complex"
     elif what == "bits":
-        tifffile.imwrite(path, data[..., 0] > 1, photometric="minisblack")
-        return check(one, path, data, refused="bits")
+        mask = one.random.random(data.shape[:3]) < 0.5
+        tifffile.imwrite(path, mask, photometric=one.pick("minisblack", "miniswhite"), byteorder=one.pick("<", ">"), metadata=None)
+        np.testing.assert_array_equal(tifffile.imread(path).reshape(mask.shape), mask)
+        packed = one.folder / "packed.tif"
+        done = subprocess.run(["tiffcp", "-c", one.pick("none", "packbits", "g3", "g3:2d", "g4", "zip", "lzw"), "-f", one.pick("lsb2msb", "msb2lsb"),
+                               *one.pick(("-s", "-r", str(one.pick(1, 3, 100))), ("-t", "-w", "16", "-l", str(16 * one.pick(1, 2)))), path, packed],
+                              capture_output=True)
+        return check(one, packed if done.returncode == 0 else path, mask.astype("u1"))
     elif what == "depth":
         look["tags"], refused = {one.pick(32997, 32998): (4, [one.pick(2, 3)])}, "planes in one page"
     elif what == "truncated":
@@ -201,7 +219,7 @@ def unreadable(one):
         other = one.pick(lambda d: np.concatenate([d, d[-1:]]), lambda d: np.concatenate([d, d[:, -1:]], 1), lambda d: d.astype("f8"),
                          lambda d: np.concatenate([d, d], 2))(pages[at]["data"])
         pages[at] = page_of(one, other, look)
-        refused = "but the first page is"
+        refused = "but most pages are"
     tw.Tiff(one, one.pick("<", ">"), False).write(path, pages)
     return check(one, path, data[..., 0], refused=refused)
 

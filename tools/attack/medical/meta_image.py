@@ -73,6 +73,7 @@ def meta_image(one):
             body.append(line)
     raw = stored.astype(dtype.newbyteorder(">" if big else "<")).tobytes()
     packed = one.chance(0.3)
+    plain = raw
     if packed:
         raw = zlib.compress(raw, 1) if one.chance(0.8) else gzip.compress(raw, 1)
         body.append("CompressedData = True")
@@ -83,12 +84,15 @@ def meta_image(one):
             body.append("CompressedData = False")
     order = one.random.permutation(len(body)) if one.chance(0.3) else range(len(body))
     body = [body[i] for i in order]
-    local = one.chance(0.5)
+    local = one.chance(0.4)
+    in_parts = not local and dims > 2 and one.chance(0.4)
     end = one.pick("\n", "\n", "\n", "\r\n")
     if local:
         path = one.folder / "v.mha"
         text = end.join(lines + body + ["ElementDataFile = " + one.pick("LOCAL", "Local", "local")]) + end
         path.write_bytes(text.encode() + raw)
+    elif in_parts:
+        path = _in_parts(one, shape, plain, packed, lines + body, end)
     else:
         skip = int(one.pick(0, 0, 0, 10, 100))
         front = one.random.bytes(skip)
@@ -125,9 +129,37 @@ def meta_image(one):
     return volumes.compared(one, path, volume)
 
 
+def _in_parts(one, shape, raw, packed, lines, end):
+    """The header of a list or a pattern of files, and the files."""
+    own = one.pick(len(shape) - 1, len(shape) - 1, *range(1, len(shape)))
+    count = int(np.prod(shape[own:]))
+    skip = int(one.pick(0, 0, 10))
+    if skip:
+        lines.append(f"HeaderSize = {-1 if not packed and one.chance(0.3) else skip}")
+    lines = [line for line in lines if not line.startswith("CompressedDataSize")]
+    if own < len(shape) - 1 or one.chance(0.5):
+        names = [one.pick("p", "a b ", "sub/") + f"{i}.raw" for i in range(count)]
+        said = "LIST" + (f" {own}{one.pick('', 'D')}" if own < len(shape) - 1 or one.chance(0.5) else "")
+        lines = [*lines, f"ElementDataFile = {said}", *names]
+    else:
+        first, step, pattern = int(one.random.integers(0, 20)), one.pick(1, 2, 10), one.pick("p%d.raw", "p%03d.raw", "sub/p%02d.raw")
+        names = [pattern % (first + i * step) for i in range(count)]
+        last = first + (count - 1) * step
+        lines.append(f"ElementDataFile = {pattern} {first} {last} {step}" if step > 1 or one.chance(0.6) else
+                     f"ElementDataFile = {pattern} {first}" + one.pick("", f" {last}"))
+    (one.folder / "sub").mkdir()
+    size = len(raw) // count
+    for i, name in enumerate(names):
+        part = raw[i * size:(i + 1) * size]
+        (one.folder / name).write_bytes(one.random.bytes(skip) + (zlib.compress(part, 1) if packed else part))
+    path = one.folder / "v.mhd"
+    path.write_bytes((end.join(lines) + end).encode())
+    return path
+
+
 def _vtk_differs(path, volume, channel, dims, channels):
     text = path.read_bytes()[:4000]
-    if dims == 4 or b"LONG_LONG" in text or b"\r" in text or b"Comment" in text or b"HeaderSize" in text or b"local" in text[-400:]:
+    if dims == 4 or b"ElementDataFile = LIST" in text or b"%" in text or b"LONG_LONG" in text or b"\r" in text or b"Comment" in text or b"HeaderSize" in text or b"local" in text[-400:]:
         return None  # what VTK 9.1 does not read, or reads otherwise than MetaIO documents
     if b"ElementByteOrderMSB" in text or b"BinaryData = " not in text:
         return None
