@@ -43,7 +43,7 @@ ROOMS = {
 # Rooms within a room, each with those that it may include beside itself; every folder there is one of them.
 SHARED = {"bytes": set(), "modules": set(), "numbers": {"bytes"}, "wrapping": set(), "label_names": {"bytes"},
           "placement": {"bytes", "numbers", "wrapping"}}
-FORMATS = ("dicom", "hdf5", "meta_image", "mrc", "netcdf", "nifti", "nrrd", "numpy", "openvdb", "raw",
+FORMATS = ("dicom", "hdf5", "meta_image", "mrc", "netcdf", "nifti", "nrrd", "numpy", "openvdb", "raw", "slices",
            "tiff", "vtk", "zarr")
 INNER_ROOMS = {
     "store/container": {"footer": {"codec.h", "format.h", "hdf5_types.h", "label_table.h"},

@@ -273,6 +273,7 @@ class MetaImage(DamagedFiles, Input):
         reader.SetDataExtent(0, 6, 0, 5, 0, 4)
         reader.SetDataScalarTypeToShort()
         reader.SetDataByteOrderToLittleEndian()
+        reader.FileLowerLeftOn()
         reader.Update()
         scalars = numpy_support.vtk_to_numpy(reader.GetOutput().GetPointData().GetScalars())
         self.text(file="s%d.raw 0 4 1")

@@ -315,7 +315,7 @@ class Tiff(DamagedFiles, Input):
         self.refuses(5, "no volume in this folder", "TIFF")
 
     def test_masks_of_one_bit(self):
-        for width in (1, 7, 8, 9, 33):
+        for width in (2, 8, 9, 33):
             data = RANDOM.random((3, 12, width)) < 0.4
             data[:, :2] = [[True], [False]]
             for photometric in ("minisblack", "miniswhite"):
@@ -325,7 +325,7 @@ class Tiff(DamagedFiles, Input):
                 ways = [()]
                 if shutil.which("tiffcp"):
                     ways = [("-f", order, "-c", way, *layout) for order, way, layout in itertools.product(
-                        ("lsb2msb", "msb2lsb"), ("none", "packbits", "g3", "g3:2d", "g4", "zip", "lzw"), (("-s", "-r", "5"), ("-t", "-w", "16", "-l", "16")))]
+                        ("lsb2msb", "msb2lsb"), ("none", "packbits", "g3", "g3:2d", "g4", "zip", "lzw"), (("-s", "-r", "5"), ("-t", "-w", "16", "-l", "16")))][width % 3::3]
                 for way in ways:
                     with self.subTest(width=width, photometric=photometric, way=way):
                         self.path = plain
