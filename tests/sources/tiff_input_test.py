@@ -405,7 +405,7 @@ class Tiff(DamagedFiles, Input):
         for planar in ("contig", "separate"):
             tifffile.imwrite(self.path, colours if planar == "contig" else np.moveaxis(colours, -1, 0), photometric="rgb", planarconfig=planar, metadata=None)
             self.reads(np.ascontiguousarray(np.moveaxis(colours, -1, 0)), "--index", "c=:")
-        tifffile.imwrite(self.path, numbers((4, 7, 9, 3), "u1"), photometric="rgb", metadata=None, truncate=True)
+        tifffile.imwrite(self.path, numbers((4, 7, 9, 3), "u1"), photometric="rgb", truncate=True)
         self.reads(np.ascontiguousarray(np.moveaxis(tifffile.imread(self.path)[2], -1, 0)), "--index", "c=:,z=2")
 
     def test_a_damaged_tag_that_decides_numbers_is_not_left_out(self):

@@ -271,7 +271,7 @@ ChosenAxes choose_axes(std::span<const ArrayAxis> axes, std::span<const AxisInde
     }
     if (left.size() > 3) {
         refuse(ErrorKind::unsupported, axes, name,
-               fmt::format("{} axes: a volume has at most 3", left.size()), entries);
+               fmt::format("{} axes: a volume has at most 3 axes", left.size()), entries);
     }
     std::reverse(left.begin(), left.end());
     for (std::size_t a = 0; a < left.size(); ++a) {
