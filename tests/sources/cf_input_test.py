@@ -230,7 +230,8 @@ class Cf(Input):
         stored[1, 2, 3], stored[0, 0, 0], stored[3, 4, 5] = 1e20, 0.1, -0.3
         for fmt in FORMATS:
             self.write(stored, "f4", fmt, attributes={"missing_value": np.array([1e20, 0.1], "f8")})
-            np.testing.assert_array_equal(self.values(), self.expected())
+            # xarray compares in float64 where NumPy is 2 or later, and then finds 0.1 nowhere.
+            np.testing.assert_array_equal(self.values(), np.where(np.isin(stored, np.float32([1e20, 0.1])), np.float32(np.nan), stored))
             self.assertEqual(np.isnan(self.values()).sum(), 2)
             self.write(np.clip(stored, -0.3, 0.1), "f4", fmt, attributes={"valid_range": np.array([-0.3, 0.1], "f8")})
             self.assertEqual(np.isnan(self.values()).sum(), 0)
