@@ -37,8 +37,13 @@ void dicom(Bytes bytes) {
         written(("dicom/" + std::to_string(i)).c_str(), file);
     }
     SourceOptions options;
+    options.labels = true;
     options.max_heap = kMemory;
     use_volume(root, options);
+    for (const auto& index : {AxisIndex{"stack", 0}, AxisIndex{"segment", 1}, AxisIndex{"t", -1}}) {
+        options.index = {index};
+        use_volume(root, options);
+    }
 }
 
 void nrrd(Bytes bytes) {

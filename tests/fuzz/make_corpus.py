@@ -203,6 +203,76 @@ seed("dicom", "slices", several(*(saved("v.dcm", lambda p: dicom_slice(p, z)) fo
 seed("dicom", "gap", several(*(saved("v.dcm", lambda p: dicom_slice(p, z)) for z in (1, 2, 4))))
 seed("dicom", "rle", several(*(saved("v.dcm", lambda p: dicom_slice(p, z, "--rle")) for z in (1, 2))))
 seed("dicom", "implicit", several(*(saved("v.dcm", lambda p: dicom_slice(p, z, "--implicit")) for z in (1, 2))))
+
+
+def changed_dicom(path, change, z=1):
+    """A slice with other elements."""
+    dicom_slice(path, z)
+    d = pydicom.dcmread(path)
+    change(d)
+    d.save_as(path)
+
+
+def dataset(**elements):
+    item = pydicom.dataset.Dataset()
+    for key, value in elements.items():
+        setattr(item, key, value)
+    return item
+
+
+def with_table(d):
+    d.ModalityLUTSequence = [dataset(LUTDescriptor=[3, 5, 16], ModalityLUTType="HU")]
+    d.ModalityLUTSequence[0].add_new(0x00283006, "OW", b"\1\0\2\0\3\4")
+
+
+def as_mosaic(d, newer=True):
+    tags = (("NumberOfImagesInMosaic", b"US\0\0", ["3"]), ("SliceNormalVector", b"FD\0\0", ["0.0", "0.0", "1.0"]))
+    header = b"SV10\4\3\2\1" * newer + struct.pack("<II", len(tags), 77)
+    for name, vr, items in tags:
+        header += struct.pack("<64si4s3i", name.encode(), len(items), vr, 3, len(items), 77)
+        for item in items:
+            length = len(item) + (0 if newer else len(tags[0][2]))
+            header += struct.pack("<4i", length, length, 77, length) + item.encode() + bytes(-len(item) % 4)
+    d.ImageType, d.SpacingBetweenSlices = ["ORIGINAL", "PRIMARY", "MOSAIC"], 3
+    d.add_new(0x00290010, "LO", "SIEMENS CSA HEADER")
+    d.add_new(0x00291010, "OB", header)
+
+
+def as_segmentation(d, kind="BINARY"):
+    d.SegmentationType, d.MaximumFractionalValue = kind, 200
+    d.SegmentSequence = [dataset(SegmentNumber=n, SegmentLabel=f"s{n}", RecommendedDisplayCIELabValue=[30000, 40000, 20000])
+                         for n in (1, 2)]
+    d.PerFrameFunctionalGroupsSequence = [
+        dataset(SegmentIdentificationSequence=[dataset(ReferencedSegmentNumber=n)],
+                PlanePositionSequence=[dataset(ImagePositionPatient=[0, 0, z])]) for n, z in ((1, 0), (2, 0), (1, 3))]
+    d.NumberOfFrames, d.SpacingBetweenSlices = 3, 1
+    d.BitsAllocated = d.BitsStored = 1 if kind == "BINARY" else 8
+    d.HighBit = d.BitsStored - 1
+    d.PixelData = bytes(range(24)) if kind == "BINARY" else bytes(range(192))
+    d["PixelData"].VR = "OB"
+
+
+def bare(data):
+    """Without preamble and own group."""
+    return data[132 + 12 + struct.unpack_from("<I", data, 140)[0]:]
+
+
+for name, change in (("table", with_table), ("mosaic", as_mosaic), ("mosaic_csa1", lambda d: as_mosaic(d, False)),
+                     ("segments", as_segmentation), ("fractions", lambda d: as_segmentation(d, "FRACTIONAL")),
+                     ("label_map", lambda d: as_segmentation(d, "LABELMAP"))):
+    seed("dicom", name, several(saved("v.dcm", lambda p: changed_dicom(p, change))))
+seed("dicom", "bare", several(*(bare(saved("v.dcm", lambda p: dicom_slice(p, z))) for z in (2, 1))))
+seed("dicom", "copies", several(*(saved("v.dcm", lambda p: dicom_slice(p, z)) for z in (2, 1, 2))))
+
+
+def echo_image(path, z, echo):
+    def change(d):
+        d.EchoNumbers, d.SOPInstanceUID = echo, f"1.2.{echo}.{z}"
+
+    changed_dicom(path, change, z)
+
+
+seed("dicom", "times", several(*(saved("v.dcm", lambda p: echo_image(p, z, echo)) for z, echo in ((1, 2), (1, 1), (2, 1), (2, 2)))))
 for way in ("jpeg", "jpegls", "j2k", "rle"):
     seed("volume", f"dicom_{way}", saved("v.dcm", lambda p: dicom_file(p, f"--{way}")))
 stack = np.arange(3 * 20 * 17, dtype="u2").reshape(3, 20, 17)

@@ -14,7 +14,7 @@ try:
     from pydicom.dataset import Dataset
     from pydicom.pixel_data_handlers.util import apply_modality_lut
     from pydicom.sequence import Sequence
-    from pydicom.uid import ExplicitVRBigEndian, ExplicitVRLittleEndian, ImplicitVRLittleEndian
+    from pydicom.uid import DeflatedExplicitVRLittleEndian, ExplicitVRBigEndian, ExplicitVRLittleEndian, ImplicitVRLittleEndian
     from dicom_inputs import DicomInput, text
     from volume_inputs import RANDOM
 except ImportError as error:
@@ -48,6 +48,10 @@ class DicomSeries(DicomInput):
         self.refuses(2, "3 series", "cut.dcm", "--series")
         self.assertIn("cut.dcm", self.said(self.reads(self.data, "--series", series)))
         self.refuses(4, "cut.dcm", "without pixels", options=("--series", "1.2.77"))
+        # A deflated one says of which series it is.
+        self.image(self.data[0], "deflated.dcm", syntax=DeflatedExplicitVRLittleEndian, SeriesInstanceUID="1.2.66")
+        self.assertIn("deflated DICOM file", self.said(self.reads(self.data, "--series", series)))
+        self.refuses(5, "deflated", "gdcmconv", options=("--series", "1.2.66"))
         # It may be of any series if it does not say of which it is.
         at = whole.index(b"\x20\0\x0e\0UI")
         (self.path / "cut.dcm").write_bytes(whole[:at + 12])
@@ -292,6 +296,18 @@ class DicomSeries(DicomInput):
         said = self.said(self.reads(self.data, "--spacing", "0.25,0.5,2"))
         self.assertIn("18.5 degrees", said)
         self.lies([10, 20, 30], [0.25, 0.5, 2])
+        # Turned as well.
+        self.clear()
+        for z, plane in enumerate(self.data):
+            self.image(plane, f"{z}.dcm", position=(z, 2 * z, 0), ImageOrientationPatient=[1, 0, 0, 0, 0, -1])
+        said = self.said(self.reads(self.data, "--spacing", "1,1,1"))
+        self.assertIn("and so are the directions of its axes", said)
+        # A spacing of one's own leaves backward axes turned around, as in other formats.
+        self.clear()
+        for z, plane in enumerate(self.data):
+            self.image(plane, f"{z}.dcm", position=(5, 6, z), ImageOrientationPatient=[-1, 0, 0, 0, -1, 0])
+        self.reads(np.ascontiguousarray(self.data[:, ::-1, ::-1]), "--spacing", "1,2,3")
+        self.lies([5 - 11 * 0.25, 6 - 8 * 0.5, 0], [1, 2, 3])
         # An upright one has nothing to lose.
         self.clear()
         self.stack(self.data)

@@ -1,6 +1,7 @@
 #include "preprocess/sources/dicom/dicom_elements.h"
 
 #include <fmt/format.h>
+#include <zlib.h>
 
 #include <algorithm>
 #include <array>
@@ -40,7 +41,7 @@ bool is_pixels(DicomTag tag) {
     return tag == kPixelData || tag == kFloatPixelData || tag == kDoublePixelData;
 }
 
-DicomSyntax syntax_of(const std::string& uid, const std::string& name) {
+DicomSyntax syntax_of(const std::string& uid) {
     if (uid == "1.2.840.10008.1.2") {
         return {uid, false, false, true};
     }
@@ -51,10 +52,40 @@ DicomSyntax syntax_of(const std::string& uid, const std::string& name) {
         return {uid, true, true, true};
     }
     if (uid == "1.2.840.10008.1.2.1.99") {
-        throw Error(ErrorKind::unsupported, {name},
-                    "a deflated DICOM file: unpack it first, for example with gdcmconv");
+        return {uid, true, false, true, true};
     }
     return {uid, true, false, false};
+}
+
+/// Bytes in memory.
+class InflatedStart : public ByteReader {
+  public:
+    explicit InflatedStart(std::string bytes) : bytes_(std::move(bytes)) {}
+    [[nodiscard]] std::uint64_t size() const override { return bytes_.size(); }
+    void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        std::memcpy(dst, bytes_.data() + at, bytes);
+    }
+
+  private:
+    std::string bytes_;
+};
+
+/// What a deflated stream without a head begins with, up to kMostBytes.
+std::string first_inflated(std::string packed) {
+    constexpr int kWithoutHead = -15;
+    std::string result(kMostBytes, '\0');
+    z_stream stream{};
+    if (inflateInit2(&stream, kWithoutHead) != Z_OK) {
+        return {};
+    }
+    stream.next_in = reinterpret_cast<Bytef*>(packed.data());
+    stream.avail_in = static_cast<uInt>(packed.size());
+    stream.next_out = reinterpret_cast<Bytef*>(result.data());
+    stream.avail_out = static_cast<uInt>(result.size());
+    inflate(&stream, Z_SYNC_FLUSH);
+    result.resize(result.size() - stream.avail_out);
+    inflateEnd(&stream);
+    return result;
 }
 
 std::string without_padding(const std::string& text) {
@@ -339,8 +370,7 @@ void DicomFile::begin() {
     class_uid_ = bare->class_uid;
     syntax_ = syntax_of(!bare->explicit_vr ? "1.2.840.10008.1.2"
                         : bare->big_endian ? "1.2.840.10008.1.2.2"
-                                           : "1.2.840.10008.1.2.1",
-                        name_);
+                                           : "1.2.840.10008.1.2.1");
 }
 
 void DicomFile::read_own_group(std::uint64_t at) {
@@ -364,7 +394,13 @@ void DicomFile::read_own_group(std::uint64_t at) {
         fail(at, "the file does not say how it is encoded (0002,0010)");
     }
     start_ = at;
-    syntax_ = syntax_of(uid, name_);
+    syntax_ = syntax_of(uid);
+    if (syntax_.deflated) {
+        reader_ = std::make_unique<InflatedStart>(
+            first_inflated(bytes(at, std::min(size() - at, kMostBytes))));
+        window_.clear();
+        window_at_ = start_ = 0;
+    }
 }
 
 DicomElement DicomFile::visit(const Visitor& visitor) {

@@ -32,6 +32,8 @@ struct DicomSyntax {
     bool big_endian = false;
     /// The numbers lie in the file as they are, not as a stream of some image format.
     bool native = true;
+    /// The elements are packed as a whole: of these only the first are seen.
+    bool deflated = false;
 };
 
 /// The kinds of elements that hold a volume's numbers.
@@ -43,8 +45,8 @@ inline constexpr DicomTag kPixelData = 0x7FE00010;
 /// one thread.
 class DicomFile {
   public:
-    /// Reads the group of the file's own data. Throws Error{io}, Error{corrupt} for a file that is
-    /// none or cut short, and Error{unsupported} for a transfer syntax that is deflated or a film.
+    /// Reads the group of the file's own data. Throws Error{io}, and Error{corrupt} for a file that
+    /// is none or cut short.
     explicit DicomFile(const std::filesystem::path& path);
 
     [[nodiscard]] const DicomSyntax& syntax() const { return syntax_; }

@@ -553,11 +553,24 @@ std::string DicomNumbers::text() const {
 
 void read_dicom_header(DicomFile& file, std::uint64_t most_bytes, DicomHeader& header) {
     HeaderVisitor visitor(file, header, most_bytes);
-    header.pixels =
-        file.visit({.value = [&](const DicomElement& e) { visitor.value(e); },
-                    .enter = [&](DicomTag sequence,
-                                 std::int64_t item) { return visitor.enter(sequence, item); },
-                    .leave = [&](DicomTag sequence) { visitor.leave(sequence); }});
+    const DicomFile::Visitor visit{
+        .value = [&](const DicomElement& e) { visitor.value(e); },
+        .enter = [&](DicomTag sequence,
+                     std::int64_t item) { return visitor.enter(sequence, item); },
+        .leave = [&](DicomTag sequence) { visitor.leave(sequence); }};
+    if (file.syntax().deflated) {
+        try {
+            file.visit(visit);
+        } catch (const Error& error) {
+            // What is seen of it ends somewhere.
+            if (error.kind() != ErrorKind::corrupt) {
+                throw;
+            }
+        }
+        throw Error(ErrorKind::unsupported, {file.name()},
+                    "a deflated DICOM file: unpack it first, for example with gdcmconv");
+    }
+    header.pixels = file.visit(visit);
     if (header.pixels.tag != 0) {
         use_detector(header);
         check(file, header);

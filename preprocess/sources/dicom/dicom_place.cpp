@@ -49,31 +49,16 @@ PlacedStack place_stack(const Int3& nodes, const DicomStack& stack, bool spaced,
     constexpr double kMostShift = 0.1;  // of a voxel, as place_in_world() has it
     const bool tilted =
         stack.placed && tilt.shift >= kMostShift * std::min({spacing[0], spacing[1], spacing[2]});
-    if (spaced) {
-        result.place.origin = stack.first;
-        // The axes are then taken for the world's: these are the patient's only where they were.
-        bool along = stack.placed;
-        for (std::size_t a = 0; a < 3; ++a) {
-            const Double3& v = stack.steps.at(a);
-            along = along && v.at(a) > (1 - 1e-6) * std::hypot(v[0], v[1], v[2]);
-        }
-        result.frame = along ? AnatomicalFrame::lps : AnatomicalFrame::unknown;
-        if (tilted) {
-            result.notes.push_back(
-                fmt::format("the tilt of its slices by {:.1f} degrees is dropped, so that the "
-                            "last slice lies {:.4g} beside its place; the file's spacing is "
-                            "{:.6g},{:.6g},{:.6g}",
-                            tilt.degrees, tilt.shift, spacing[0], spacing[1], spacing[2]));
-        }
-        return result;
-    }
     result.frame = stack.placed ? AnatomicalFrame::lps : AnatomicalFrame::unknown;
     try {
         result.place = place_in_world(nodes, stack.steps, stack.first, name);
+        return result;
     } catch (const Error& error) {
-        if (error.kind() != ErrorKind::unsupported || !tilted) {
+        if (!spaced && (error.kind() != ErrorKind::unsupported || !tilted)) {
             throw;
         }
+    }
+    if (!spaced) {
         throw Error(
             ErrorKind::unsupported, {name},
             fmt::format("a sheared volume (a tilted gantry): its slices are tilted by {:.1f} "
@@ -82,6 +67,23 @@ PlacedStack place_stack(const Int3& nodes, const DicomStack& stack, bool spaced,
                         "lies {:.4g} beside its place",
                         tilt.degrees, spacing[0], spacing[1], spacing[2], tilt.shift),
             {{RemedyKind::place_in_world, "spacing"}});
+    }
+    // The axes are taken for the world's; these are the patient's only if they were before.
+    result.place.origin = stack.first;
+    const std::array<Double3, 3> axes{stack.steps[0], stack.steps[1], stack.normal};
+    for (std::size_t a = 0; a < 3; ++a) {
+        const Double3& v = axes.at(a);
+        if (!(v.at(a) > (1 - 1e-6) * std::hypot(v[0], v[1], v[2]))) {
+            result.frame = AnatomicalFrame::unknown;
+        }
+    }
+    if (tilted) {
+        result.notes.push_back(fmt::format(
+            "the tilt of its slices by {:.1f} degrees is dropped{}, so that the last slice lies "
+            "{:.4g} beside its place; the file's spacing is {:.6g},{:.6g},{:.6g}",
+            tilt.degrees,
+            result.frame == AnatomicalFrame::lps ? "" : ", and so are the directions of its axes",
+            tilt.shift, spacing[0], spacing[1], spacing[2]));
     }
     return result;
 }

@@ -18,9 +18,10 @@ struct PlacedStack {
     std::vector<std::string> notes = {};  ///< what of the file's place is dropped
 };
 
-/// `nodes`: of the volume. `spaced`: the caller says the spacing, and axes count as the world's. No
-/// I/O. Throws as place_in_world(); of a tilted gantry with its angle, the spacing, and what a
-/// spacing of the caller's would drop.
+/// `nodes`: of the volume. `spaced`: the caller says the spacing, so that a tilted gantry is no
+/// error: its axes then count as the world's, and a note says what that loses. No I/O. Throws as
+/// place_in_world(); of a tilted gantry with its angle, the spacing, and what a spacing of the
+/// caller's would drop.
 PlacedStack place_stack(const Int3& nodes, const DicomStack& stack, bool spaced,
                         const std::string& name);
 
