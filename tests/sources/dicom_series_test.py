@@ -139,6 +139,14 @@ class DicomSeries(DicomInput):
                 self.refuses(5, "t 3, z 4, y 5, x 6", f"t is {name} {listed}", "--index")
                 for t in range(3):
                     self.assertIn(f"{name} {listed}", self.said(self.reads(series[t], "--index", f"t={t}")))
+            self.reads(series[1], "--index", "time=1")
+            self.reads(series[2], "--index", "0=2")
+        # The axis t is none of the volume's, be there as many times as slices.
+        self.clear()
+        for z in range(3):
+            for t in range(3):
+                self.image(series[t, z], f"{z}{t}.dcm", position=(0, 0, z), TemporalPositionIdentifier=t + 1)
+        self.refuses(5, "chooses a time", options=("--index", "t=:,z=0"))
         # Echoes of times: times first.
         self.clear()
         six = RANDOM.integers(0, 99, (2, 3, 4, 5, 6)).astype("u2")

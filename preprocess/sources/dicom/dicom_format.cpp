@@ -200,11 +200,15 @@ std::vector<DicomSlice> chosen_slices(const DicomStack& stack, const DicomNumber
                         error.remedies());
         }
     }();
-    if (chosen.nodes.x != numbers.columns || chosen.nodes.y != numbers.rows ||
+    const bool takes_times =
+        z == 1 && std::any_of(chosen.axis.begin(), chosen.axis.end(),
+                              [](const std::optional<std::size_t>& a) { return a == 0; });
+    if (takes_times || chosen.nodes.x != numbers.columns || chosen.nodes.y != numbers.rows ||
         chosen.nodes.z != stack.count) {
         throw Error(ErrorKind::unsupported, {name},
                     "an index chooses a time; a part of the slices is a crop",
-                    {{RemedyKind::choose_index}});
+                    {z == 1 ? Remedy{RemedyKind::choose_index, "t=0"}
+                            : Remedy{RemedyKind::leave_out, "index"}});
     }
     const std::int64_t time = z == 1 ? chosen.at[0] : 0;
     const auto from = stack.slices.begin() + static_cast<std::ptrdiff_t>(time * stack.count);
