@@ -11,7 +11,9 @@
 #include "preprocess/sources/bytes/far_objects.h"
 #include "preprocess/sources/bytes/gzip_stream.h"
 #include "preprocess/sources/bytes/input_file.h"
+#include "preprocess/sources/bytes/natural_order.h"
 #include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/known/known_formats.h"
 #include "preprocess/sources/label_names/label_file.h"
 #include "preprocess/sources/volume_format.h"
 #include "preprocess/sources/wrapping/converted_source.h"
@@ -177,6 +179,54 @@ VolumeInput look_at(const std::vector<std::filesystem::path>& paths, const Remot
                 {{RemedyKind::download}});
 }
 
+[[noreturn]] void refuse_known(const VolumeInput& input, const KnownFormat& known) {
+    throw Error(ErrorKind::unsupported, {input.name()},
+                fmt::format("this is {}, which is not read: {}", known.what, known.advice));
+}
+
+/// A folder that no format recognises: says what it is, or what the first file in it is that is
+/// known.
+[[noreturn]] void refuse_folder(const VolumeInput& input) {
+    const std::filesystem::path& folder = input.path();
+    if (const auto known = known_folder(folder)) {
+        refuse_known(input, *known);
+    }
+    std::error_code error;
+    if (std::filesystem::is_empty(folder, error)) {
+        throw Error(ErrorKind::unsupported, {input.name()}, "the folder is empty");
+    }
+    constexpr std::size_t kMostLookedAt = 32;
+    std::vector<std::filesystem::path> files = files_in(folder);
+    files.resize(std::min(files.size(), kMostLookedAt));
+    for (const std::filesystem::path& path : files) {
+        VolumeInput file{.paths = {path}, .file = path};
+        try {
+            read_head(file);
+        } catch (const Error&) {
+            continue;  // not readable: no reason to say less of the others
+        }
+        for (const VolumeFormat& format : volume_formats()) {
+            if (!format.takes.numbers && format.recognises(file)) {
+                throw Error(ErrorKind::unsupported, {input.name()},
+                            fmt::format("a folder with '{}', which is {}: name that file",
+                                        path.filename().string(), format.about.name));
+            }
+        }
+        if (const auto known = known_format(file)) {
+            throw Error(ErrorKind::unsupported, {input.name()},
+                        fmt::format("a folder with '{}', which is {} and not read: {}",
+                                    path.filename().string(), known->what, known->advice));
+        }
+    }
+    std::string names;
+    for (const VolumeFormat& format : volume_formats()) {
+        names += fmt::format("\n  {} {}{}", format.about.name, format.about.extensions,
+                             format.open == nullptr ? " (not in this build)" : "");
+    }
+    throw Error(ErrorKind::unsupported, {input.path().string()},
+                fmt::format("there is no volume in this folder; what is read:{}", names));
+}
+
 const VolumeFormat& format_of(const VolumeInput& input) {
     for (const VolumeFormat& format : volume_formats()) {
         // Those that are not read from URLs look at an object's first bytes, and at no folder
@@ -197,13 +247,7 @@ const VolumeFormat& format_of(const VolumeInput& input) {
                     "others are read",
                     {{RemedyKind::download}});
     }
-    std::string names;
-    for (const VolumeFormat& format : volume_formats()) {
-        names += fmt::format("\n  {} {}{}", format.about.name, format.about.extensions,
-                             format.open == nullptr ? " (not in this build)" : "");
-    }
-    throw Error(ErrorKind::unsupported, {input.path().string()},
-                fmt::format("there is no volume in this folder; what is read:{}", names));
+    refuse_folder(input);
 }
 
 /// Whether the error is one of the contents of a file that the input names (a header's data).
@@ -249,6 +293,11 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
                                           const SourceOptions& options) {
     const VolumeInput input = look_at(paths, options.remote);
     const VolumeFormat& format = format_of(input);
+    if (format.takes.numbers && !(options.dims && options.type)) {
+        if (const auto known = known_format(input)) {
+            refuse_known(input, *known);
+        }
+    }
     if (format.open == nullptr) {
         throw Error(ErrorKind::unsupported, {input.name()},
                     fmt::format("this is {}, which this build does not read", format.about.name),
