@@ -2,6 +2,7 @@
 #include "preprocess/sources/dicom/dicom_format.h"
 #include "preprocess/sources/hdf5/hdf5_format.h"
 #include "preprocess/sources/meta_image/meta_image_format.h"
+#include "preprocess/sources/mgh/mgh_format.h"
 #include "preprocess/sources/mrc/mrc_format.h"
 #include "preprocess/sources/netcdf/netcdf_format.h"
 #include "preprocess/sources/nifti/nifti_format.h"
@@ -25,8 +26,8 @@ std::string VolumeInput::name() const {
 const std::vector<VolumeFormat>& volume_formats() {
     static const std::vector<VolumeFormat> formats{
         nrrd_format(), hdf5_format(), netcdf3_format(), nifti_format(), meta_image_format(),
-        mrc_format(), vti_format(), vtk_format(), npy_format(), npz_format(), zarr_format(),
-        dicom_format(), tiff_format(), png_format(), bmp_format(), vdb_format(),
+        mgh_format(), mrc_format(), vti_format(), vtk_format(), npy_format(), npz_format(),
+        zarr_format(), dicom_format(), tiff_format(), png_format(), bmp_format(), vdb_format(),
         // The last one: it takes every file.
         raw_format()};
     return formats;

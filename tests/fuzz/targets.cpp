@@ -254,6 +254,8 @@ const std::vector<Target>& targets() {
         {"nifti", [](Bytes bytes) { one_file("v.nii", bytes); }},
         {"meta_image", [](Bytes bytes) { one_file("v.mha", bytes); }},
         {"mrc", [](Bytes bytes) { one_file("v.mrc", bytes); }},
+        {"mgh", [](Bytes bytes) { one_file("v.mgh", bytes); }},
+        {"known", [](Bytes bytes) { one_file("v.img", bytes); }},
         {"tiff", [](Bytes bytes) { one_file("v.tif", bytes); }},
         {"numpy", [](Bytes bytes) { one_file("v.npy", bytes); }},
         {"netcdf3", [](Bytes bytes) { one_file("v.nc", bytes); }},

@@ -41,9 +41,9 @@ ROOMS = {
                           "labels", "surface_nets", "neuroglancer"}},
 }
 # Rooms within a room, each with those that it may include beside itself; every folder there is one of them.
-SHARED = {"bytes": set(), "modules": set(), "numbers": {"bytes"}, "wrapping": set(), "label_names": {"bytes"},
+SHARED = {"bytes": set(), "modules": set(), "numbers": {"bytes", "wrapping"}, "wrapping": set(), "label_names": {"bytes"},
           "placement": {"bytes", "numbers", "wrapping"}}
-FORMATS = ("dicom", "hdf5", "meta_image", "mrc", "netcdf", "nifti", "nrrd", "numpy", "openvdb", "raw", "slices",
+FORMATS = ("dicom", "hdf5", "meta_image", "mgh", "mrc", "netcdf", "nifti", "nrrd", "numpy", "openvdb", "raw", "slices",
            "tiff", "vtk", "zarr")
 INNER_ROOMS = {
     "store/container": {"footer": {"codec.h", "format.h", "hdf5_types.h", "label_table.h"},
@@ -52,7 +52,7 @@ INNER_ROOMS = {
                         "writing": {"codec.h", "cube_range.h", "format.h", "hdf5_types.h", "label_table.h"},
                         "by_hdf5": {"format.h", "cube_range_table.h", "hdf5_types.h", "header_reader.h",
                                     "header_writer.h", "label_table.h", "reader.h", "footer"}},
-    "preprocess/sources": SHARED | {name: {*SHARED, "volume_format.h"} for name in FORMATS},
+    "preprocess/sources": SHARED | {name: {*SHARED, "volume_format.h"} for name in (*FORMATS, "known")},
     "query/extract": {
         "stages": {"extract_query.h"},
         "analysis": {"extract_query.h", "run_extraction.h", "stages"},

@@ -50,8 +50,8 @@ class RawBase : public VolumeSource {
     RawBase(InputFile file, std::string name, RawLayout layout)
         : file_(std::move(file)), name_(std::move(name)), layout_(std::move(layout)) {}
     [[nodiscard]] VolumeDescription describe() const override {
-        return {layout_.nodes, layout_.type,      layout_.spacing, layout_.origin,
-                name_,         layout_.direction, false,           layout_.unit};
+        return {layout_.nodes,     layout_.type, layout_.spacing, layout_.origin, name_,
+                layout_.direction, false,        layout_.unit,    layout_.frame};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return local_files(inputs_of(file_, layout_));
