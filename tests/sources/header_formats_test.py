@@ -5,6 +5,7 @@ usage: header_formats_test.py ISONEST PLUGIN_FOLDER
 """
 import gzip
 import itertools
+import json
 import pathlib
 import struct
 import subprocess
@@ -352,6 +353,28 @@ class Mrc(DamagedFiles, Input):
                 expected = np.transpose(data, [2 - order.index(w) for w in (3, 2, 1)])
                 self.reads(np.ascontiguousarray(expected))
 
+    def test_packed_columns_along_other_axes(self):
+        """A stream has them in another order: it is unpacked to temporary space."""
+        data = numbers((5, 6, 7), "f4")
+        for order, big in itertools.product(itertools.permutations((1, 2, 3)), (False, True)):
+            with self.subTest(order=order, big=big):
+                self.path = self.here / "v.map"
+                self.save(data.astype(">f4") if big else data, mapc=order[0], mapr=order[1], maps=order[2])
+                expected = mrcfile.open(self.path).data
+                expected = np.transpose(expected, [2 - order.index(w) for w in (3, 2, 1)]).astype("f4")
+                whole = self.path.read_bytes()
+                self.path = self.here / "v.map.gz"
+                self.path.write_bytes(gzip.compress(whole))
+                self.reads(np.ascontiguousarray(expected))
+                before = self.path.read_bytes()
+                self.assertEqual(self.preprocess(store=self.path).returncode, 2)
+                self.assertEqual(self.path.read_bytes(), before)
+                if order != (1, 2, 3):
+                    self.path.write_bytes(before[:-5])  # without its checksum
+                    self.refuses(4, "cut short")
+                    self.path.write_bytes(gzip.compress(whole[:-9]))
+                    self.refuses(2, "decompressed data end")
+
     def test_a_stack_of_volumes(self):
         data = numbers((3, 5, 6, 7), "i2")
         with mrcfile.new(self.path, overwrite=True) as file:
@@ -366,14 +389,111 @@ class Mrc(DamagedFiles, Input):
         raw = bytearray(self.path.read_bytes())
         raw[52:56] = np.float32(80).tobytes()
         self.path.write_bytes(raw)
-        self.refuses(5, "80")
-        self.reads(data, "--spacing", "1,1,1")
+        self.refuses(5, "alpha, beta and gamma are 80, 90 and 90 degrees; the spacing is 1, 1, 1", "changes the shape", "--spacing")
+        done = self.reads(data, "--spacing", "1,1,1")
+        self.assertIn("the angles of the cell (80, 90 and 90 degrees) are ignored", done.stdout + done.stderr)
         self.save(data.astype("c8"))
         self.refuses(5, "mode")
 
     def test_damaged_files(self):
         self.save(numbers((5, 6, 7), "f4"))
         self.damaged(self.path.read_bytes())
+
+
+class Mgh(DamagedFiles, Input):
+    def setUp(self):
+        super().setUp()
+        self.path = self.here / "v.mgh"
+
+    def save(self, data, affine=np.eye(4), name="v.mgh"):
+        self.path = self.here / name
+        nibabel.save(nibabel.MGHImage(data, affine), self.path)
+        return nibabel.load(self.path)
+
+    def world(self):
+        """Where the store's nodes lie: x, y, z of the node (0, 0, 0), and its steps."""
+        info = json.loads(served.run([ISONEST, "info", self.here / "s.isonest", "--json"], check=True, capture_output=True).stdout)
+        return np.array(info["origin"]), np.array(info["direction"]) * np.array(info["spacing"])[:, None], info
+
+    def test_types_and_packed_files(self):
+        for kind, name in itertools.product(("u1", "i2", "i4", "f4"), ("v.mgh", "v.mgz")):
+            with self.subTest(kind=kind, name=name):
+                data = numbers((7, 6, 5), kind)
+                self.save(data, np.diag([1, 2, 3, 1.]), name)
+                self.reads(data.T)
+                self.lies([0, 0, 0], [1, 2, 3])
+                self.assertEqual(self.world()[2]["unit"], "mm")
+
+    def test_the_place_is_that_of_nibabel(self):
+        """A half turn, an oblique one and axes that run backward; odd and even sizes, of which the middle differs."""
+        c, s = np.cos(0.4), np.sin(0.4)
+        for directions, shape in itertools.product((np.eye(3), np.diag([-1, 1, 1]), [[-1, 0, 0], [0, 0, 1], [0, -1, 0]],
+                                                    [[c, -s, 0], [s, c, 0], [0, 0, 1]]), ((7, 6, 5), (8, 1, 3), (4, 4, 4))):
+            data = numbers(shape)
+            affine = np.eye(4)
+            affine[:3, :3] = np.array(directions) * [0.5, 2, 1.25]
+            affine[:3, 3] = [10, -20, 30]
+            image = self.save(data, affine)
+            self.assertEqual(self.preprocess().returncode, 0)
+            origin, steps, info = self.world()
+            served.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.raw", "--force"],
+                       check=True, capture_output=True)
+            found = np.fromfile(self.here / "s.raw", "i2").reshape([n for n in info["nodes"]][::-1])
+            for at in np.ndindex(*found.shape):
+                place = origin + np.array(at[::-1]) @ steps
+                voxel = np.linalg.inv(image.affine) @ [*place, 1]
+                index = tuple(np.round(voxel[:3]).astype(int))
+                np.testing.assert_allclose(voxel[:3], index, atol=1e-3)
+                self.assertEqual(found[at], data[index])
+
+    def test_without_a_place(self):
+        data = numbers((7, 6, 5))
+        self.save(data, np.diag([1, 2, 3, 1.]))
+        raw = bytearray(self.path.read_bytes())
+        raw[28:30] = b"\0\0"
+        self.path.write_bytes(raw)
+        done = self.preprocess()
+        self.assertIn("as FreeSurfer does", done.stdout + done.stderr)
+        origin, steps, _ = self.world()
+        # FreeSurfer's columns; nibabel's default has y and z the other way round.
+        affine = np.array([[-1, 0, 0], [0, 0, 1], [0, -1, 0]])
+        ends = [affine @ (np.array(corner) - [3.5, 3, 2.5]) for corner in itertools.product((0, 6), (0, 5), (0, 4))]
+        np.testing.assert_allclose(np.minimum(origin, origin + [6, 5, 4] @ steps), np.min(ends, axis=0), atol=1e-6)
+
+    def test_frames_and_what_follows_the_numbers(self):
+        data = numbers((7, 6, 5, 3), "f4")
+        for name in ("v.mgh", "v.mgz"):
+            self.save(data, name=name)
+            self.refuses(5, "axis 't'", "--index")
+            for t in range(3):
+                self.reads(data[..., t].T, "--index", f"t={t}")
+            self.reads(data[..., 1].T, "--index", "t=1", "--spacing", "1,1,1")
+
+    def test_unsigned_shorts(self):
+        """Type 10, which FreeSurfer 7 writes and nibabel does not know."""
+        data = numbers((7, 6, 5), "u2")
+        self.save(data.view("i2"))
+        raw = bytearray(self.path.read_bytes())
+        raw[20:24] = (10).to_bytes(4, "big")
+        self.path.write_bytes(raw)
+        self.reads(data.T)
+
+    def test_what_cannot_be_read_is_refused(self):
+        self.save(numbers((7, 6, 5)))
+        whole = self.path.read_bytes()
+        self.path.write_bytes(whole[:20] + (7).to_bytes(4, "big") + whole[24:])
+        self.refuses(5, "type: 7")
+        self.path.write_bytes(whole[:600])
+        self.refuses(2, "need")
+        self.path.write_bytes(whole[:4] + b"\x7f\xff\xff\xff" * 4 + whole[20:])
+        self.refuses(5, "2147483647")
+        self.path.write_bytes(whole[:30] + bytes(4) + whole[34:])  # a step of no length
+        self.refuses(4, "--spacing")
+
+    def test_damaged_files(self):
+        self.save(numbers((7, 6, 5), "f4"))
+        whole = self.path.read_bytes()[:284 + 4 * 7 * 6 * 5]
+        self.damaged(whole)
 
 
 class NumPyFiles(DamagedFiles, Input):

@@ -7,11 +7,13 @@
 #include <cmath>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/header_number.h"
 #include "preprocess/sources/placement/placed_array.h"
+#include "preprocess/sources/wrapping/noted_source.h"
 
 namespace isonest::detail {
 namespace {
@@ -92,6 +94,7 @@ std::unique_ptr<VolumeSource> open_mrc(const VolumeInput& input, const SourceOpt
     constexpr int kStackOfVolumes = 401;
     const bool stack = group >= kStackOfVolumes && sections > 0 && count[2] % sections == 0;
     Double3 spacing{1, 1, 1};
+    bool is_skewed = false;
     for (std::size_t a = 0; a < 3; ++a) {
         const double length = real(10 + a);
         if (length > 0 && sampling.at(a) > 0 && std::isfinite(length)) {
@@ -99,13 +102,26 @@ std::unique_ptr<VolumeSource> open_mrc(const VolumeInput& input, const SourceOpt
             array.layout.unit = LengthUnit::angstrom;  // of a cell
         }
         const double angle = real(13 + a);
-        if (length > 0 && angle != 0 && !(std::fabs(angle - 90) < 1e-3) && !options.spacing) {
-            throw Error(ErrorKind::unsupported, {array.name, "cellb"},
-                        fmt::format("an angle of {} degrees between the axes: resample the map, "
-                                    "or ignore its cell",
-                                    angle),
-                        {{RemedyKind::place_in_world, "spacing"}});
+        is_skewed = is_skewed || (length > 0 && angle != 0 && !(std::fabs(angle - 90) < 1e-3));
+    }
+    std::vector<std::string> notes;
+    if (is_skewed) {
+        const std::string angles =
+            fmt::format("{}, {} and {} degrees", real(13), real(14), real(15));
+        if (!options.spacing) {
+            throw Error(
+                ErrorKind::unsupported, {array.name, "cellb"},
+                fmt::format("the cell's axes are not at right angles (alpha, beta and gamma "
+                            "are {}; the spacing is {:.6g}, {:.6g}, {:.6g}): resample the "
+                            "map. A spacing of your own places its nodes as if the axes "
+                            "were at right angles, which changes the shape",
+                            angles, spacing[0], spacing[1], spacing[2]),
+                {{RemedyKind::place_in_world, "spacing"}});
         }
+        notes.push_back(
+            fmt::format("the angles of the cell ({}) are ignored: nodes are placed as "
+                        "if its axes were at right angles",
+                        angles));
     }
     const Double3 origin{real(49), real(50), real(51)};
     const bool has_origin =
@@ -137,7 +153,7 @@ std::unique_ptr<VolumeSource> open_mrc(const VolumeInput& input, const SourceOpt
     if (options.spacing) {
         array.steps.clear();
     }
-    return open_placed(array, options.index);
+    return with_notes(open_placed(array, options.index), std::move(notes));
 }
 
 }  // namespace

@@ -17,7 +17,9 @@
 #include "preprocess/sources/numbers/far_numbers.h"
 #include "preprocess/sources/numbers/raw_rows.h"
 #include "preprocess/sources/numbers/strided_file.h"
+#include "preprocess/sources/wrapping/described_source.h"
 #include "store/files/mapped_file.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 namespace {
@@ -71,15 +73,15 @@ DeflateWrapper wrapper_of(Packing packing) {
                                          : DeflateWrapper::gzip;
 }
 
-class GzipSource : public RawBase {
+/// The numbers of a stream of deflate, from its front to its end.
+class StreamedNumbers {
   public:
-    /// The stream starts at layout.start.
-    GzipSource(const InputFile& file, std::string name, const RawLayout& layout)
-        : RawBase(file, std::move(name), layout),
-          stream_(file, name_, layout.start, wrapper_of(layout.packing)) {}
-    [[nodiscard]] bool sequential() const override { return true; }
+    /// The stream starts at layout.start. `name` and `layout` outlive this.
+    StreamedNumbers(const InputFile& file, const std::string& name, const RawLayout& layout)
+        : name_(name),
+          layout_(layout),
+          stream_(file, name, layout.start, wrapper_of(layout.packing)) {}
 
-  private:
     void fetch(std::byte* dst, std::uint64_t bytes) {
         const std::uint64_t n = stream_.read(dst, bytes);
         at_ += n;
@@ -89,6 +91,12 @@ class GzipSource : public RawBase {
                                     "need {}",
                                     at_, text_of_nodes(layout_), layout_.offset,
                                     layout_.offset + data_bytes(layout_)));
+        }
+    }
+    void skip_to(std::uint64_t at) {
+        std::vector<std::byte> skipped(1U << 16U);
+        while (at_ < at) {
+            fetch(skipped.data(), std::min<std::uint64_t>(at - at_, skipped.size()));
         }
     }
     /// Only the end brings the checksum.
@@ -113,23 +121,74 @@ class GzipSource : public RawBase {
             }
         }
     }
-    void skip_to(std::uint64_t at) {
-        std::vector<std::byte> skipped(1U << 16U);
-        while (at_ < at) {
-            fetch(skipped.data(), std::min<std::uint64_t>(at - at_, skipped.size()));
-        }
-    }
-    void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
-        skip_to(at);
-        fetch(dst, bytes);
-    }
-    void after_last() override {
-        skip_to(layout_.offset + data_bytes(layout_));
-        require_right_end();
-    }
+
+  private:
+    const std::string& name_;
+    const RawLayout& layout_;
     GzipStream stream_;
     std::uint64_t at_ = 0;
 };
+
+class GzipSource : public RawBase {
+  public:
+    GzipSource(const InputFile& file, std::string name, const RawLayout& layout)
+        : RawBase(file, std::move(name), layout), numbers_(file, name_, layout_) {}
+    [[nodiscard]] bool sequential() const override { return true; }
+
+  private:
+    void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        numbers_.skip_to(at);
+        numbers_.fetch(dst, bytes);
+    }
+    void after_last() override {
+        numbers_.skip_to(layout_.offset + data_bytes(layout_));
+        numbers_.require_right_end();
+    }
+    StreamedNumbers numbers_;
+};
+
+/// Numbers that were unpacked to temporary space, which is kept as long as they are read. Who they
+/// are, the packed file says.
+class UnpackedNumbers : public DescribedSource {
+  public:
+    UnpackedNumbers(std::unique_ptr<VolumeSource> inner, ScratchFile copy, InputFile file,
+                    RawLayout layout)
+        : DescribedSource(std::move(inner)),
+          copy_(std::move(copy)),
+          file_(std::move(file)),
+          layout_(std::move(layout)) {}
+    [[nodiscard]] std::string identity() const override { return identity_of_raw(file_, layout_); }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
+        return local_files({file_, layout_.header});
+    }
+
+  private:
+    ScratchFile copy_;
+    InputFile file_;
+    RawLayout layout_;
+};
+
+/// For axes in an order that a stream cannot be read in. The array, not what is around it, is
+/// copied to the system's folder for temporary files.
+std::unique_ptr<VolumeSource> open_unpacked(const InputFile& file, const std::string& name,
+                                            const RawLayout& layout) {
+    StreamedNumbers numbers(file, name, layout);
+    numbers.skip_to(layout.offset);
+    ScratchFile copy{ScratchFolder(temporary_folder())};
+    std::vector<std::byte> part(std::size_t{1} << 20U);
+    const std::uint64_t all = data_bytes(layout);
+    for (std::uint64_t at = 0; at < all;) {
+        const auto n = static_cast<std::size_t>(std::min<std::uint64_t>(all - at, part.size()));
+        numbers.fetch(part.data(), n);
+        copy.write_at(at, {part.data(), n});
+        at += n;
+    }
+    numbers.require_right_end();
+    RawLayout plain = layout;
+    plain.offset = 0;
+    auto source = open_strided(fmt::format("/proc/self/fd/{}", copy.descriptor()), name, plain);
+    return std::make_unique<UnpackedNumbers>(std::move(source), std::move(copy), file, layout);
+}
 
 /// The numbers are not compressed. The layout's `offset` becomes that of the file.
 void place_plain(const std::string& name, std::uint64_t size, RawLayout& layout) {
@@ -198,9 +257,7 @@ std::unique_ptr<VolumeSource> open_raw(const InputFile& file, const std::string&
                 "data that are the end of the file (byte skip: -1) do not go with compression");
         }
         if (!is_nested(layout)) {
-            throw Error(ErrorKind::unsupported, {name},
-                        "its axes are stored in another order, which a compressed stream cannot be "
-                        "read in; decompress it");
+            return open_unpacked(file, name, layout);
         }
         return std::make_unique<GzipSource>(file, name, layout);
     }

@@ -90,9 +90,7 @@ def mrc(one):
     volume = volumes.Volume(values, volumes.affine_of(np.eye(3), voxel, place), "angstrom" if has_cell else None,
                             must_refuse=must, options=options)
     if has_cell and angles[2] == 120:  # skewed
-        volume.must_refuse = ("angles that are not right", "angle of 120")
-    if path.suffix == ".gz" and along != [1, 2, 3]:
-        volume.may_refuse = (("other axes in gzip", "decompress it"),)  # a stream is read from its front
+        volume.must_refuse = ("angles that are not right", "not at right angles")
     return volumes.compared(one, path, volume)
 
 
