@@ -3,7 +3,6 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <unistd.h>
-#include <zlib.h>
 
 #include <algorithm>
 #include <array>
@@ -152,12 +151,16 @@ class Base64Bytes : public ByteReader {
     std::vector<std::byte> decoded_;
 };
 
-class ZlibBlocks : public ByteReader {
+class PackedBlocks : public ByteReader {
   public:
-    ZlibBlocks(std::unique_ptr<ByteReader> packed, std::string name,
-               const std::vector<std::uint64_t>& packed_sizes, std::uint64_t block,
-               std::uint64_t size)
-        : packed_(std::move(packed)), name_(std::move(name)), block_(block), size_(size) {
+    PackedBlocks(BlockPacking packing, std::unique_ptr<ByteReader> packed, std::string name,
+                 const std::vector<std::uint64_t>& packed_sizes, std::uint64_t block,
+                 std::uint64_t size)
+        : packing_(packing),
+          packed_(std::move(packed)),
+          name_(std::move(name)),
+          block_(block),
+          size_(size) {
         std::uint64_t at = 0;
         for (const std::uint64_t bytes : packed_sizes) {
             starts_.push_back(at);
@@ -168,7 +171,8 @@ class ZlibBlocks : public ByteReader {
     }
     [[nodiscard]] std::uint64_t size() const override { return size_; }
     [[nodiscard]] std::uint64_t heap() const override {
-        return packed_->heap() + block_ + most_packed_ + starts_.size() * sizeof(std::uint64_t);
+        return packed_->heap() + block_ + most_packed_ + starts_.size() * sizeof(std::uint64_t) +
+               most_beside(packing_);
     }
     void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
         while (bytes > 0) {
@@ -191,17 +195,14 @@ class ZlibBlocks : public ByteReader {
         letters_.resize(starts_[block + 1] - starts_[block]);
         packed_->read(starts_[block], letters_.data(), letters_.size());
         decoded_.resize(std::min(block_, size_ - block * block_));
-        uLongf made = decoded_.size();
-        if (::uncompress(reinterpret_cast<Bytef*>(decoded_.data()), &made,
-                         reinterpret_cast<const Bytef*>(letters_.data()),
-                         letters_.size()) != Z_OK ||
-            made != decoded_.size()) {
+        if (!unpack_block(packing_, letters_, decoded_)) {
             throw Error(ErrorKind::corrupt, {name_, fmt::format("block {}", block)},
                         "it does not unpack to what its header says");
         }
         current_ = block;
     }
 
+    BlockPacking packing_;
     std::unique_ptr<ByteReader> packed_;
     std::string name_;
     std::uint64_t block_;
@@ -211,6 +212,22 @@ class ZlibBlocks : public ByteReader {
     std::uint64_t current_ = ~std::uint64_t{0};
     std::vector<std::byte> letters_;
     std::vector<std::byte> decoded_;
+};
+
+class BytesBehind : public ByteReader {
+  public:
+    BytesBehind(std::unique_ptr<ByteReader> bytes, std::uint64_t skipped)
+        : bytes_(std::move(bytes)), skipped_(skipped) {}
+    [[nodiscard]] std::uint64_t size() const override { return bytes_->size() - skipped_; }
+    [[nodiscard]] bool sequential() const override { return bytes_->sequential(); }
+    [[nodiscard]] std::uint64_t heap() const override { return bytes_->heap(); }
+    void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        bytes_->read(skipped_ + at, dst, bytes);
+    }
+
+  private:
+    std::unique_ptr<ByteReader> bytes_;
+    std::uint64_t skipped_;
 };
 
 template <class T>
@@ -303,11 +320,15 @@ std::unique_ptr<ByteReader> base64_bytes(const InputFile& file, std::uint64_t st
                                          std::uint64_t size) {
     return std::make_unique<Base64Bytes>(file, start, size);
 }
-std::unique_ptr<ByteReader> zlib_blocks(std::unique_ptr<ByteReader> packed, std::string name,
-                                        const std::vector<std::uint64_t>& packed_sizes,
-                                        std::uint64_t block, std::uint64_t size) {
-    return std::make_unique<ZlibBlocks>(std::move(packed), std::move(name), packed_sizes, block,
-                                        size);
+std::unique_ptr<ByteReader> packed_blocks(BlockPacking packing, std::unique_ptr<ByteReader> packed,
+                                          std::string name,
+                                          const std::vector<std::uint64_t>& packed_sizes,
+                                          std::uint64_t block, std::uint64_t size) {
+    return std::make_unique<PackedBlocks>(packing, std::move(packed), std::move(name), packed_sizes,
+                                          block, size);
+}
+std::unique_ptr<ByteReader> bytes_behind(std::unique_ptr<ByteReader> bytes, std::uint64_t skipped) {
+    return std::make_unique<BytesBehind>(std::move(bytes), skipped);
 }
 std::unique_ptr<ByteReader> text_numbers(const InputFile& file, std::uint64_t start, ValueType type,
                                          std::uint64_t count, bool commas) {

@@ -10,6 +10,7 @@
 #include <isonest/value_type.h>
 
 #include "preprocess/sources/bytes/input_file.h"
+#include "preprocess/sources/bytes/packed_block.h"
 
 namespace isonest::detail {
 
@@ -39,11 +40,14 @@ std::unique_ptr<ByteReader> file_bytes(const InputFile& file, std::uint64_t star
 /// `size` bytes in base64 without line breaks, from byte `start` of a file on. Throws Error{io}.
 std::unique_ptr<ByteReader> base64_bytes(const InputFile& file, std::uint64_t start,
                                          std::uint64_t size);
-/// Blocks of zlib, one after the other in `packed`, of these packed sizes; each makes `block`
-/// bytes, but the last one the rest of `size`.
-std::unique_ptr<ByteReader> zlib_blocks(std::unique_ptr<ByteReader> packed, std::string name,
-                                        const std::vector<std::uint64_t>& packed_sizes,
-                                        std::uint64_t block, std::uint64_t size);
+/// Packed blocks, one after the other in `packed`, of these packed sizes; each makes `block` bytes,
+/// but the last one the rest of `size`.
+std::unique_ptr<ByteReader> packed_blocks(BlockPacking packing, std::unique_ptr<ByteReader> packed,
+                                          std::string name,
+                                          const std::vector<std::uint64_t>& packed_sizes,
+                                          std::uint64_t block, std::uint64_t size);
+/// All of `bytes` but its first `skipped`. REQUIRES: it has as many.
+std::unique_ptr<ByteReader> bytes_behind(std::unique_ptr<ByteReader> bytes, std::uint64_t skipped);
 /// `count` numbers of a type in text, white space between them, from byte `start` of a file on.
 /// They end at a `<`, as text in XML does. Sequential. Throws Error{io}; read() Error{corrupt}.
 /// `commas`: they may stand between numbers, too, as in NRRD.

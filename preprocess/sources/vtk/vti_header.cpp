@@ -21,6 +21,8 @@ namespace {
 
 constexpr std::size_t kPart = std::size_t{1} << 18U;
 constexpr std::size_t kMostArrays = 10000;
+/// Each has a file that is open.
+constexpr std::size_t kMostImagePieces = 256;
 constexpr int kMostNested = 64;
 /// Of a tag or comment, which expat holds as a whole, and of the arrays' names together.
 constexpr std::uint64_t kMostTag = std::uint64_t{4} << 20U;
@@ -100,6 +102,10 @@ class VtiReader {
         }
         if (!image_) {
             corrupt("there is no ImageData");
+        }
+        if (header_.pieces.empty()) {
+            throw Error(ErrorKind::corrupt, {file_.name(), "VTI header"},
+                        "there is no piece with points in it");
         }
         if (!header_.encoding.empty()) {
             find_mark();
@@ -186,12 +192,10 @@ class VtiReader {
         } else if (tag == "Piece") {
             std::array<std::int64_t, 6> extent = header_.extent;
             numbers(attributes, "Extent", extent);
-            if (extent != header_.extent || ++pieces_ > 1) {
-                stop("the image is in several pieces; write it as one", true);
-            }
+            add_piece(extent);
         } else if (tag == "PointData" || tag == "CellData") {
             section_ = tag;
-        } else if (tag == "DataArray" && !section_.empty()) {
+        } else if (tag == "DataArray" && !section_.empty() && !in_empty_piece_) {
             add_array(attributes);
         } else if (tag == "AppendedData") {
             header_.encoding = text(attributes, "encoding");
@@ -205,7 +209,23 @@ class VtiReader {
         return static_cast<std::uint64_t>(byte_index(parser_.get())) + byte_count(parser_.get());
     }
 
+    void add_piece(const std::array<std::int64_t, 6>& extent) {
+        in_empty_piece_ = extent[1] < extent[0] || extent[3] < extent[2] || extent[5] < extent[4];
+        if (in_empty_piece_) {
+            return;
+        }
+        if (header_.pieces.size() >= kMostImagePieces) {
+            return stop(
+                fmt::format("more than {} pieces; in ParaView write it as one", kMostImagePieces),
+                true);
+        }
+        header_.pieces.push_back({extent, {}});
+    }
+
     void add_array(const Attributes& attributes) {
+        if (header_.pieces.empty()) {
+            header_.pieces.push_back({header_.extent, {}});
+        }
         VtiArray array;
         array.name = text(attributes, "Name");
         array.type = text(attributes, "type");
@@ -218,7 +238,7 @@ class VtiReader {
         number = {0};
         numbers(attributes, "offset", number);
         array.offset = static_cast<std::uint64_t>(number[0]);
-        if (array.components < 1 || number[0] < 0 || header_.arrays.size() >= kMostArrays) {
+        if (array.components < 1 || number[0] < 0 || ++arrays_ > kMostArrays) {
             return stop(fmt::format("array '{:.80}' with {} components at offset {}", array.name,
                                     array.components, number[0]));
         }
@@ -226,7 +246,7 @@ class VtiReader {
         if (name_bytes_ > kMostTag) {
             return stop(fmt::format("names of arrays of more than {} MiB", kMostTag >> 20U));
         }
-        header_.arrays.push_back(array);
+        header_.pieces.back().arrays.push_back(array);
     }
 
     /// Appended data begin behind an underscore.
@@ -249,7 +269,8 @@ class VtiReader {
     bool unsupported_ = false;
     bool stopped_ = false;
     bool image_ = false;
-    int pieces_ = 0;
+    bool in_empty_piece_ = false;
+    std::size_t arrays_ = 0;
     int nested_ = 0;
     std::uint64_t name_bytes_ = 0;
 };

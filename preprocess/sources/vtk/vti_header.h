@@ -23,6 +23,12 @@ struct VtiArray {
     bool of_cells = false;
 };
 
+/// A box of the image with arrays of its own; points on the faces between two are in both.
+struct VtiPiece {
+    std::array<std::int64_t, 6> extent{};
+    std::vector<VtiArray> arrays;
+};
+
 struct VtiHeader {
     bool big_endian = false;
     bool wide = false;  ///< sizes have 64 bits
@@ -30,9 +36,9 @@ struct VtiHeader {
     std::array<std::int64_t, 6> extent{};
     VtkGrid grid;
     Double3 origin{0, 0, 0};
-    std::vector<VtiArray> arrays;
-    std::string encoding;        ///< of appended data: "raw" or "base64"
-    std::uint64_t appended = 0;  ///< the byte behind the mark
+    std::vector<VtiPiece> pieces;  ///< at least one; none is empty
+    std::string encoding;          ///< of appended data: "raw" or "base64"
+    std::uint64_t appended = 0;    ///< the byte behind the mark
 };
 
 /// Reads the XML up to the appended data. Throws Error{corrupt, unsupported, io}.

@@ -1,3 +1,5 @@
+#include <string_view>
+
 #include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/vtk/vtk_format.h"
 
@@ -18,16 +20,17 @@
 #include "preprocess/sources/bytes/header_number.h"
 #include "preprocess/sources/placement/placed_array.h"
 #include "preprocess/sources/vtk/vti_header.h"
+#include "preprocess/sources/vtk/vti_pieces.h"
 
 namespace isonest::detail {
 namespace {
 
 /// "  density [50, 40, 30] Float32" for each array.
-std::string list_of(const VtiHeader& header) {
+std::string list_of(const std::vector<VtiArray>& arrays) {
     std::string list;
     constexpr std::size_t kMostListed = 40;
-    for (std::size_t i = 0; i < std::min(header.arrays.size(), kMostListed); ++i) {
-        const VtiArray& a = header.arrays[i];
+    for (std::size_t i = 0; i < std::min(arrays.size(), kMostListed); ++i) {
+        const VtiArray& a = arrays[i];
         list += fmt::format("\n  {} {}{}{}", a.name, a.type,
                             a.components > 1 ? fmt::format(" x {}", a.components) : "",
                             a.of_cells ? ", of cells" : "");
@@ -35,28 +38,28 @@ std::string list_of(const VtiHeader& header) {
     return list.empty() ? " none" : list;
 }
 
-const VtiArray& choose(const VtiHeader& header, const SourceOptions& options,
+const VtiArray& choose(const std::vector<VtiArray>& arrays, const SourceOptions& options,
                        const std::string& name) {
     const VtiArray* chosen = nullptr;
     std::size_t points = 0;
-    for (const VtiArray& array : header.arrays) {
+    for (const VtiArray& array : arrays) {
         if (!options.dataset.empty() ? array.name == options.dataset : !array.of_cells) {
             chosen = chosen == nullptr ? &array : chosen;
             ++points;
         }
     }
-    if (chosen == nullptr && options.dataset.empty() && header.arrays.size() == 1) {
-        return header.arrays.front();
+    if (chosen == nullptr && options.dataset.empty() && arrays.size() == 1) {
+        return arrays.front();
     }
     if (chosen == nullptr) {
         throw Error(ErrorKind::not_found, {name},
                     fmt::format("there is no array '{}' of points; the file has:{}",
-                                options.dataset, list_of(header)),
+                                options.dataset, list_of(arrays)),
                     {{RemedyKind::choose_dataset}});
     }
     if (options.dataset.empty() && points > 1) {
         throw Error(ErrorKind::invalid_argument, {name},
-                    "there are several arrays:" + list_of(header), {{RemedyKind::choose_dataset}});
+                    "there are several arrays:" + list_of(arrays), {{RemedyKind::choose_dataset}});
     }
     return *chosen;
 }
@@ -162,8 +165,32 @@ class SizeReader {
     Stored stored_;
 };
 
+/// How the blocks are packed. Throws Error{unsupported}.
+BlockPacking packing_of(const VtiHeader& header, const std::string& name) {
+    static const std::map<std::string, BlockPacking> packings{
+        {"vtkZLibDataCompressor", BlockPacking::zlib},
+        {"vtkLZ4DataCompressor", BlockPacking::lz4},
+        {"vtkLZMADataCompressor", BlockPacking::lzma}};
+    const auto it = packings.find(header.compressor);
+    if (it == packings.end()) {
+        throw Error(ErrorKind::unsupported, {name},
+                    fmt::format("compressed by {:.40}: vtkZLibDataCompressor, vtkLZ4DataCompressor "
+                                "and vtkLZMADataCompressor are read",
+                                header.compressor));
+    }
+    const std::string package = missing_package(it->second);
+    if (!package.empty()) {
+        throw Error(
+            ErrorKind::unsupported, {name},
+            fmt::format("compressed by {}, which this build does not read", header.compressor),
+            {{RemedyKind::install_package, package}});
+    }
+    return it->second;
+}
+
 std::unique_ptr<ByteReader> packed_numbers(const PlacedArray& array, const VtiHeader& header,
                                            Stored stored, std::uint64_t most_heap) {
+    const BlockPacking packing = packing_of(header, array.name);
     const SizeReader sizes(array, header, stored);
     const std::uint64_t width = header.wide ? 8 : 4;
     const std::vector<std::uint64_t> head = sizes.words(3);
@@ -175,7 +202,7 @@ std::unique_ptr<ByteReader> packed_numbers(const PlacedArray& array, const VtiHe
         throw Error(ErrorKind::corrupt, {array.name},
                     fmt::format("{} blocks of {} bytes, the last of {}", blocks, block, last));
     }
-    if (2 * block + sizeof(std::uint64_t) * 2 * blocks > most_heap) {
+    if (2 * block + sizeof(std::uint64_t) * 2 * blocks + most_beside(packing) > most_heap) {
         throw Error(ErrorKind::limit, {array.name},
                     fmt::format("{} compressed blocks of {} bytes take more than {} MiB", blocks,
                                 block, most_heap >> 20U),
@@ -185,7 +212,7 @@ std::unique_ptr<ByteReader> packed_numbers(const PlacedArray& array, const VtiHe
     const std::vector<std::uint64_t> packed(words.begin() + 3, words.end());
     std::uint64_t all = 0;
     for (const std::uint64_t bytes : packed) {
-        // What zlib makes of numbers that it cannot pack.
+        // What compressors make of numbers that they cannot pack.
         if (bytes > 2 * block + 1024) {
             throw Error(ErrorKind::corrupt, {array.name},
                         fmt::format("a block of {} bytes is packed into {}", block, bytes));
@@ -193,8 +220,112 @@ std::unique_ptr<ByteReader> packed_numbers(const PlacedArray& array, const VtiHe
         all += bytes;
     }
     const std::uint64_t behind = (3 + blocks) * width;
-    return zlib_blocks(sizes.bytes(all, stored.base64 ? (behind + 2) / 3 * 4 : behind), array.name,
-                       packed, block, (blocks - 1) * block + (last == 0 ? block : last));
+    return packed_blocks(packing, sizes.bytes(all, stored.base64 ? (behind + 2) / 3 * 4 : behind),
+                         array.name, packed, block,
+                         (blocks - 1) * block + (last == 0 ? block : last));
+}
+
+/// Throws unless the array has the bytes of `count` values.
+void require_bytes(const PlacedArray& array, std::uint64_t bytes, std::uint64_t needed,
+                   const std::string& values) {
+    if (bytes != needed) {
+        throw Error(ErrorKind::corrupt, {array.name},
+                    fmt::format("it has {} bytes, but {} need {}", bytes, values, needed));
+    }
+}
+
+/// The numbers of an array of a piece, however they are stored: `count` values.
+std::unique_ptr<ByteReader> numbers_of_piece(const PlacedArray& array, const VtiHeader& header,
+                                             const VtiArray& given, std::uint64_t count,
+                                             std::uint64_t most_heap) {
+    const ValueType type = array.stored ? bits_type(*array.stored) : array.layout.type;
+    const std::uint64_t needed = count * size_of(type);
+    const std::string values = fmt::format("{} values of a piece", count);
+    if (given.format == "ascii") {
+        return array.stored ? text_integers(array.file, given.content,
+                                            *array.stored == StoredNumber::i64, count)
+                            : text_numbers(array.file, given.content, type, count);
+    }
+    const Stored stored = stored_at(header, given, array);
+    if (!header.compressor.empty()) {
+        auto bytes = packed_numbers(array, header, stored, most_heap);
+        require_bytes(array, bytes->size(), needed, values);
+        return bytes;
+    }
+    const std::uint64_t width = header.wide ? 8 : 4;
+    const SizeReader sizes(array, header, stored);
+    require_bytes(array, sizes.words(1)[0], needed, values);
+    return bytes_behind(sizes.bytes(width + needed), width);
+}
+
+/// Of a piece the array that was chosen of another one.
+const VtiArray& same_array(const VtiPiece& piece, const VtiArray& chosen, const std::string& name) {
+    const auto it = std::find_if(piece.arrays.begin(), piece.arrays.end(), [&](const VtiArray& a) {
+        return a.name == chosen.name && a.of_cells == chosen.of_cells;
+    });
+    if (it == piece.arrays.end() || it->type != chosen.type ||
+        it->components != chosen.components) {
+        throw Error(ErrorKind::corrupt, {name},
+                    "one of the image's pieces has not this array, or another one of this name");
+    }
+    return *it;
+}
+
+/// The bytes of all pieces as those of one image. REQUIRES: set_place() was called.
+std::unique_ptr<ByteReader> pieces_of(const VtiHeader& header, const VtiArray& chosen,
+                                      const PlacedArray& array, std::uint64_t most_heap) {
+    std::array<std::int64_t, 3> image{};
+    for (std::size_t i = 0; i < 3; ++i) {
+        image.at(i) = array.axes.at(2 - i).length;
+    }
+    std::vector<PieceBox> boxes;
+    std::vector<const VtiArray*> arrays;
+    for (const VtiPiece& piece : header.pieces) {
+        PieceBox box;
+        for (std::size_t i = 0; i < 3; ++i) {
+            const std::int64_t low = piece.extent.at(2 * i);
+            const std::int64_t high = piece.extent.at(2 * i + 1);
+            const std::int64_t first = header.extent.at(2 * i);
+            const std::int64_t last = header.extent.at(2 * i + 1);
+            if (low < first || high > last) {
+                throw Error(
+                    ErrorKind::corrupt, {array.name, "Piece"},
+                    fmt::format("from {} to {} in an image from {} to {}", low, high, first, last));
+            }
+            box.low.at(i) = low - first;
+            box.count.at(i) = high - low + (chosen.of_cells && last > first ? 0 : 1);
+        }
+        if (box.count[0] > 0 && box.count[1] > 0 && box.count[2] > 0) {
+            boxes.push_back(box);
+            arrays.push_back(&same_array(piece, chosen, array.name));
+        }
+    }
+    if (!cover(boxes, image)) {
+        throw Error(ErrorKind::corrupt, {array.name}, "its pieces leave a part of the image out");
+    }
+    std::vector<PieceNumbers> pieces;
+    std::uint64_t held = 0;
+    const auto components = static_cast<std::uint64_t>(chosen.components);
+    for (std::size_t i = 0; i < boxes.size(); ++i) {
+        if (is_within_later(boxes, i)) {
+            continue;  // VTK writes an image that it cannot cut as often as there are pieces
+        }
+        const auto& count = boxes[i].count;
+        const std::uint64_t values = static_cast<std::uint64_t>(count[0]) *
+                                     static_cast<std::uint64_t>(count[1]) *
+                                     static_cast<std::uint64_t>(count[2]) * components;
+        auto numbers = numbers_of_piece(array, header, *arrays[i], values, most_heap);
+        held += numbers->heap();
+        if (held > most_heap) {
+            throw Error(ErrorKind::limit, {array.name},
+                        fmt::format("the blocks of {} pieces take more than {} MiB", boxes.size(),
+                                    most_heap >> 20U),
+                        {{RemedyKind::more_memory}});
+        }
+        pieces.push_back({boxes[i], std::move(numbers)});
+    }
+    const ValueType type = array.stored ? bits_type(*array.stored) : array.layout.type;
+    return join_pieces(std::move(pieces), image, components * size_of(type));
 }
 
 std::unique_ptr<VolumeSource> open_vti(const VolumeInput& input, const SourceOptions& options) {
@@ -202,36 +333,31 @@ std::unique_ptr<VolumeSource> open_vti(const VolumeInput& input, const SourceOpt
     array.file = input.file;
     const std::string file = input.name();
     const VtiHeader header = read_vti_header(input.file);
-    const VtiArray& given = choose(header, options, file);
+    const VtiArray& given = choose(header.pieces.front().arrays, options, file);
     array.name = file + ":" + given.name;
     set_type(given, array);
     set_place(header, given, options.spacing.has_value(), array);
     const ValueType type = array.stored ? bits_type(*array.stored) : array.layout.type;
     const std::uint64_t count = place_in_array(array.axes, options.index, array.name).whole;
-    if (given.format == "ascii") {
+    const bool is_text = given.format == "ascii";
+    array.layout.big_endian = !is_text && header.big_endian;
+    if (header.pieces.size() > 1 || header.pieces.front().extent != header.extent) {
         return open_placed(array, options.index,
-                           array.stored ? text_integers(array.file, given.content,
-                                                        *array.stored == StoredNumber::i64, count)
-                                        : text_numbers(array.file, given.content, type, count));
+                           pieces_of(header, given, array, options.max_heap / 2));
+    }
+    if (is_text) {
+        return open_placed(array, options.index,
+                           numbers_of_piece(array, header, given, count, options.max_heap / 2));
     }
     const Stored stored = stored_at(header, given, array);
-    array.layout.big_endian = header.big_endian;
     if (!header.compressor.empty()) {
-        if (header.compressor != "vtkZLibDataCompressor") {
-            throw Error(ErrorKind::unsupported, {array.name},
-                        fmt::format("compressed by {:.40}: vtkZLibDataCompressor is read",
-                                    header.compressor));
-        }
         return open_placed(array, options.index,
                            packed_numbers(array, header, stored, options.max_heap / 2));
     }
     const std::uint64_t width = header.wide ? 8 : 4;
     const std::uint64_t bytes = SizeReader(array, header, stored).words(1)[0];
-    if (bytes != count * size_of(type)) {
-        throw Error(ErrorKind::corrupt, {array.name},
-                    fmt::format("it has {} bytes, but [{}] values need {}", bytes,
-                                text_of(array.axes), count * size_of(type)));
-    }
+    require_bytes(array, bytes, count * size_of(type),
+                  fmt::format("[{}] values", text_of(array.axes)));
     array.layout.exact_length = false;
     if (stored.base64) {
         array.layout.offset = width;
@@ -249,16 +375,33 @@ std::unique_ptr<VolumeSource> open_vti(const VolumeInput& input, const SourceOpt
 #endif
 
 namespace isonest::detail {
+namespace {
+
+/// By the type that VTKFile says; where that is beyond the first bytes, by any word of an image.
+bool is_vti(std::string_view head) {
+    const std::size_t tag = head.find("<VTKFile");
+    if (tag == std::string_view::npos) {
+        return false;
+    }
+    std::string_view rest = head.substr(tag, head.find('>', tag) - tag);
+    constexpr std::string_view kType = "type=";
+    for (std::size_t at = rest.find(kType); at != std::string_view::npos; at = rest.find(kType)) {
+        const bool is_whole = at > 0 && rest[at - 1] != '_';  // not header_type
+        rest.remove_prefix(at + kType.size());
+        if (is_whole) {
+            return rest.size() > 1 && rest.substr(1).starts_with("ImageData");
+        }
+    }
+    return head.find("ImageData") != std::string_view::npos;
+}
+
+}  // namespace
 
 VolumeFormat vti_format() {
     return {
         .about = {"VTI", ".vti", "libexpat1-dev"}, .takes = {.dataset = true, .index = true},
         .reads_urls = true,
-        .recognises =
-            [](const VolumeInput& input) {
-                return input.head.find("<VTKFile") != std::string::npos &&
-                       input.head.find("ImageData") != std::string::npos;
-            },
+        .recognises = [](const VolumeInput& input) { return is_vti(input.head); },
 #if ISONEST_WITH_EXPAT
         .open = open_vti
 #else

@@ -9,8 +9,8 @@ namespace isonest::detail {
 /// Source: https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html
 VolumeFormat vtk_format();
 
-/// One piece; numbers appended (raw or base64), in base64 in the XML, or as text; not packed or
-/// with zlib. Needs expat. Source:
+/// One or several pieces; numbers appended (raw or base64), in base64 in the XML, or as text; not
+/// packed, or with zlib, LZ4 or LZMA. Needs expat. Source:
 /// https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 VolumeFormat vti_format();
 
