@@ -13,7 +13,7 @@
 namespace isonest::detail {
 namespace {
 
-constexpr std::uint64_t kMostMembers = 100000;
+constexpr std::uint64_t kMostMembers = 250000;
 constexpr std::uint64_t kMostDirectory = std::uint64_t{1} << 26U;
 
 class Reader {
@@ -91,6 +91,7 @@ class Reader {
         }
         ZipMember m;
         m.name = part.substr(kFixed, name);
+        m.crc = number_at<std::uint32_t>(part, 16, false);
         m.packed = number_at<std::uint32_t>(part, 20, false);
         m.bytes = number_at<std::uint32_t>(part, 24, false);
         std::uint64_t local = number_at<std::uint32_t>(part, 42, false);

@@ -30,7 +30,8 @@ PackedChunks::PackedChunks(std::shared_ptr<ZarrFiles> files, const ZarrArray& ar
     : files_(std::move(files)),
       array_(array),
       name_(std::move(name)),
-      chunk_bytes_(product(array.chunk.shape) * array.value_bytes()) {
+      chunk_bytes_(product(array.chunk.shape) * array.value_bytes()),
+      most_bytes_(most_between(array.chunk.codecs, chunk_bytes_)) {
     if (array.shard) {
         for (std::size_t i = 0; i < array.shape.size(); ++i) {
             per_shard_.push_back(array.shard->shape[i] / array.chunk.shape[i]);
@@ -102,7 +103,7 @@ std::optional<ByteRange> PackedChunks::entry_of(const Lengths& chunk,
 }
 
 std::vector<std::byte> PackedChunks::read(const Lengths& chunk, const ShardIndex* index) const {
-    const ZarrChunkPlace place{name_, where(chunk), chunk_bytes_};
+    const ZarrChunkPlace place{name_, where(chunk), most_bytes_};
     if (index == nullptr) {
         std::optional<std::vector<std::byte>> bytes = files_->chunk(array_.file_of(chunk), place);
         if (bytes && bytes->empty()) {
@@ -123,10 +124,10 @@ std::vector<std::byte> PackedChunks::read(const Lengths& chunk, const ShardIndex
 
 std::optional<ZarrPart> PackedChunks::part_of(const Lengths& chunk, const ShardIndex* index) const {
     if (index == nullptr) {
-        return ZarrPart{array_.file_of(chunk), ZarrPart::Kind::chunk, {0, chunk_bytes_}};
+        return ZarrPart{array_.file_of(chunk), ZarrPart::Kind::chunk, {0, most_bytes_}};
     }
     const std::optional<ByteRange> range = entry_of(chunk, *index);
-    if (!range || range->size > most_packed(chunk_bytes_) ||
+    if (!range || range->size > most_packed(most_bytes_) ||
         !lies_within(range->offset, range->size, index->size)) {
         return std::nullopt;
     }

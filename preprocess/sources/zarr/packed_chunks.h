@@ -24,6 +24,8 @@ class PackedChunks {
     [[nodiscard]] ZarrFiles& files() const { return *files_; }
     [[nodiscard]] const std::string& name() const { return name_; }
     [[nodiscard]] std::uint64_t chunk_bytes() const { return chunk_bytes_; }  ///< unpacked
+    /// The most of a chunk before the last codec, if filters make more bytes of it.
+    [[nodiscard]] std::uint64_t most_bytes() const { return most_bytes_; }
     /// Chunks along each axis; empty without shards.
     [[nodiscard]] const Lengths& per_shard() const { return per_shard_; }
     [[nodiscard]] std::uint64_t index_bytes() const { return index_bytes_; }  ///< 0 without shards
@@ -61,6 +63,7 @@ class PackedChunks {
     const ZarrArray& array_;
     std::string name_;
     std::uint64_t chunk_bytes_ = 0;
+    std::uint64_t most_bytes_ = 0;
     Lengths per_shard_;
     std::uint64_t index_bytes_ = 0;
 };

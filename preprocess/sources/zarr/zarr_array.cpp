@@ -88,14 +88,16 @@ class Description {
         const auto text = type.get<std::string>();
         array_.chunk.big_endian = text.starts_with('>');
         set_type(text.empty() ? text : text.substr(1));
-        if (const json& filters = member(d, "filters"); !filters.is_null() && !filters.empty()) {
-            unsupported(fmt::format("its chunks went through the filter {:.60}",
-                                    member(filters.front(), "id").dump()));
+        const json& filters = member(d, "filters");
+        constexpr std::size_t kMostFilters = 32;
+        if (!filters.is_null() && (!filters.is_array() || filters.size() > kMostFilters)) {
+            corrupt(fmt::format("'filters' is no list of up to {}", kMostFilters));
+        }
+        for (const json& filter : filters.is_null() ? json::array() : filters) {
+            array_.chunk.codecs.push_back(codec_of_v2(filter));
         }
         if (const json& packed = member(d, "compressor"); !packed.is_null()) {
-            const json& id = member(packed, "id");
-            array_.chunk.codecs.push_back(
-                zarr_codec(id.is_string() ? id.get<std::string>() : "", array_.folder.string()));
+            array_.chunk.codecs.push_back(codec_of_v2(packed));
         }
         axes_in_order(array_.chunk);
         if (member(d, "order") == "F") {
@@ -107,6 +109,11 @@ class Description {
         set_fill(member(d, "fill_value"));
         array_.attributes = files_.json(array_.folder / ".zattrs").value_or(json::object());
         set_names(member(array_.attributes, "_ARRAY_DIMENSIONS"));
+    }
+
+    [[nodiscard]] ZarrCodec codec_of_v2(const json& d) const {
+        const json& id = member(d, "id");
+        return zarr_codec(id.is_string() ? id.get<std::string>() : "", d, array_.folder.string());
     }
 
     void read_v3(const json& d) {
@@ -148,7 +155,7 @@ class Description {
         std::iota(chunk.order.begin(), chunk.order.end(), std::size_t{0});
     }
 
-    /// transpose*, then bytes or sharding_indexed, then from bytes to bytes.
+    /// transpose* and filters of numbers, then bytes or sharding_indexed, then from bytes to bytes.
     void read_codecs(const json& list, const Lengths& shape, ZarrChunk& chunk, bool may_shard) {
         chunk.shape = shape;
         axes_in_order(chunk);
@@ -162,14 +169,20 @@ class Description {
             const json& options = member(codec, "configuration");
             if (name == "transpose" && !in_bytes) {
                 transpose(member(options, "order"), chunk);
+            } else if (is_of_numbers(name) && !in_bytes) {
+                chunk.codecs.push_back(zarr_codec(name, options, array_.folder.string()));
             } else if (name == "bytes" && !in_bytes) {
                 chunk.big_endian = member(options, "endian") == "big";
+                for (ZarrCodec& filter : chunk.codecs) {
+                    filter.made.big_endian = filter.stored.big_endian = chunk.big_endian;
+                }
                 in_bytes = true;
-            } else if (name == "sharding_indexed" && !in_bytes && may_shard) {
+            } else if (name == "sharding_indexed" && !in_bytes && may_shard &&
+                       chunk.codecs.empty()) {
                 shard(options, chunk);
                 in_bytes = true;
             } else if (in_bytes && !array_.shard) {
-                chunk.codecs.push_back(zarr_codec(name, array_.folder.string()));
+                chunk.codecs.push_back(zarr_codec(name, options, array_.folder.string()));
             } else {
                 unsupported(fmt::format("codec '{:.40}' at this place of the list", name));
             }
@@ -218,8 +231,9 @@ class Description {
         s.index_at_end = member(options, "index_location") != "start";
         ZarrChunk index;
         read_codecs(member(options, "index_codecs"), s.shape, index, false);
-        if (index.big_endian || std::any_of(index.codecs.begin(), index.codecs.end(),
-                                            [](ZarrCodec c) { return c != ZarrCodec::crc32c; })) {
+        if (index.big_endian ||
+            std::any_of(index.codecs.begin(), index.codecs.end(),
+                        [](const ZarrCodec& c) { return c.kind != ZarrCodec::Kind::crc32c; })) {
             unsupported("an index of shards that is compressed, or big endian");
         }
         s.index_codecs = index.codecs;

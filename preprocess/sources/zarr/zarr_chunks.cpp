@@ -34,7 +34,8 @@ class ZarrSource : public VolumeSource {
         const ZarrArray& a = array();
         const std::uint64_t index_bytes = packed_.index_bytes();
         constexpr std::uint64_t kPackedAndTwice = 3;
-        const std::uint64_t one = kPackedAndTwice * packed_.chunk_bytes();
+        const std::uint64_t one =
+            kPackedAndTwice * packed_.most_bytes() + beside_codecs(a.chunk.codecs);
         if (one + index_bytes > max_heap) {
             throw Error(ErrorKind::limit, {packed_.name()},
                         fmt::format("one chunk of [{}] values{} takes more than {} MiB",
@@ -86,7 +87,8 @@ class ZarrSource : public VolumeSource {
     }
     [[nodiscard]] std::uint64_t heap() const override {
         return (1U << 20U) + packed_.index_bytes() +
-               3 * packed_.chunk_bytes() * static_cast<std::uint64_t>(at_once_);
+               (3 * packed_.most_bytes() + beside_codecs(array().chunk.codecs)) *
+                   static_cast<std::uint64_t>(at_once_);
     }
 
     void will_read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny) override {

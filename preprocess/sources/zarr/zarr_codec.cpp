@@ -9,11 +9,18 @@
 #include <zlib.h>
 #include <zstd.h>
 
+#include <algorithm>
 #include <array>
+#include <bit>
+#include <charconv>
+#include <cmath>
 #include <cstring>
 #include <optional>
+#include <string_view>
 
 #include <isonest/error.h>
+
+#include "preprocess/sources/bytes/packed_block.h"
 
 namespace isonest::detail {
 namespace {
@@ -90,84 +97,441 @@ std::vector<std::byte> from_blosc(std::span<const std::byte> packed, std::uint64
 #endif
 }
 
-/// How many bytes the codec takes; it makes `bytes` of them.
-std::vector<std::byte> undo(ZarrCodec codec, std::vector<std::byte> packed, std::uint64_t bytes,
-                            const std::string& name) {
-    switch (codec) {
-        case ZarrCodec::zlib:
-        case ZarrCodec::gzip:
-            return inflated(packed, bytes, name);
-        case ZarrCodec::zstd:
-            return from_zstd(packed, bytes, name);
-        case ZarrCodec::blosc:
-            return from_blosc(packed, bytes, name);
-        case ZarrCodec::crc32c:
-            break;
+std::vector<std::byte> from_block(BlockPacking packing, std::span<const std::byte> packed,
+                                  std::uint64_t bytes, const std::string& name) {
+    std::vector<std::byte> out(bytes);
+    if (!unpack_block(packing, packed, out)) {
+        corrupt(name, fmt::format("it does not unpack to {} bytes", bytes));
     }
+    return out;
+}
+
+/// As numcodecs has it: the block stands behind its unpacked size.
+std::vector<std::byte> from_lz4(std::span<const std::byte> packed, std::uint64_t bytes,
+                                const std::string& name) {
+    std::uint32_t size = 0;
+    if (packed.size() >= sizeof(size)) {
+        std::memcpy(&size, packed.data(), sizeof(size));
+    }
+    if (packed.size() < sizeof(size) || size != bytes) {
+        corrupt(name, fmt::format("a block of {} bytes, but {} are right", size, bytes));
+    }
+    return from_block(BlockPacking::lz4, packed.subspan(sizeof(size)), bytes, name);
+}
+
+std::vector<std::byte> without_checksum(ZarrCodec::Kind kind, std::vector<std::byte> packed,
+                                        std::uint64_t bytes, const std::string& name) {
     if (packed.size() != bytes + kChecksum) {
         corrupt(name,
                 fmt::format("{} bytes, but {} and a checksum are right", packed.size(), bytes));
     }
     std::uint32_t stored = 0;
-    std::memcpy(&stored, packed.data() + bytes, kChecksum);
-    packed.resize(bytes);
-    if (crc32c(packed) != stored) {
+    std::uint32_t found = 0;
+    if (kind == ZarrCodec::Kind::crc32c) {
+        std::memcpy(&stored, packed.data() + bytes, kChecksum);
+        packed.resize(bytes);
+        found = crc32c(packed);
+    } else {
+        std::memcpy(&stored, packed.data(), kChecksum);
+        packed.erase(packed.begin(), packed.begin() + kChecksum);
+        const auto* const data = reinterpret_cast<const Bytef*>(packed.data());
+        found = static_cast<std::uint32_t>(kind == ZarrCodec::Kind::crc32
+                                               ? ::crc32_z(0, data, packed.size())
+                                               : ::adler32_z(1, data, packed.size()));
+    }
+    if (found != stored) {
         corrupt(name, "the checksum is wrong");
     }
     return packed;
 }
 
+std::vector<std::byte> unshuffled(const std::vector<std::byte>& packed, std::size_t element,
+                                  const std::string& name) {
+    if (packed.size() % element != 0) {
+        corrupt(name, fmt::format("{} bytes are no numbers of {} bytes", packed.size(), element));
+    }
+    std::vector<std::byte> out(packed.size());
+    const std::size_t count = packed.size() / element;
+    for (std::size_t place = 0; place < element; ++place) {
+        for (std::size_t i = 0; i < count; ++i) {
+            out[i * element + place] = packed[place * count + i];
+        }
+    }
+    return out;
+}
+
+/// The bits of a number, of integers with a sign up to 64 bits.
+std::uint64_t load(const std::byte* at, const ZarrNumber& number) {
+    std::uint64_t bits = 0;
+    for (std::size_t i = 0; i < number.bytes; ++i) {
+        const std::size_t place = number.big_endian ? i : number.bytes - 1 - i;
+        bits = bits << 8U | std::to_integer<std::uint64_t>(at[place]);
+    }
+    const auto unused = static_cast<unsigned>(64 - 8 * number.bytes);
+    return number.kind == 'i' && unused > 0
+               ? static_cast<std::uint64_t>(static_cast<std::int64_t>(bits << unused) >> unused)
+               : bits;
+}
+void save(std::uint64_t bits, const ZarrNumber& number, std::byte* at) {
+    for (std::size_t i = 0; i < number.bytes; ++i) {
+        at[number.big_endian ? number.bytes - 1 - i : i] = static_cast<std::byte>(bits & 0xFFU);
+        bits >>= 8U;
+    }
+}
+double load_real(const std::byte* at, const ZarrNumber& number) {
+    const std::uint64_t bits = load(at, number);
+    switch (number.kind) {
+        case 'i':
+            return static_cast<double>(static_cast<std::int64_t>(bits));
+        case 'f':
+            return number.bytes == sizeof(float)
+                       ? static_cast<double>(std::bit_cast<float>(static_cast<std::uint32_t>(bits)))
+                       : std::bit_cast<double>(bits);
+        default:
+            return static_cast<double>(bits);
+    }
+}
+/// As C converts; what an integer type does not hold becomes its end that is nearer.
+void save_real(double value, const ZarrNumber& number, std::byte* at) {
+    if (number.kind == 'f') {
+        return save(number.bytes == sizeof(float)
+                        ? std::bit_cast<std::uint32_t>(static_cast<float>(value))
+                        : std::bit_cast<std::uint64_t>(value),
+                    number, at);
+    }
+    const int bits = static_cast<int>(8 * number.bytes) - (number.kind == 'i' ? 1 : 0);
+    const double end = std::ldexp(1.0, bits);
+    const double low = number.kind == 'i' ? -end : 0;
+    if (std::isnan(value)) {
+        value = 0;
+    }
+    value = std::trunc(std::clamp(value, low, std::nextafter(end, 0.0)));
+    save(number.kind == 'i' ? static_cast<std::uint64_t>(static_cast<std::int64_t>(value))
+                            : static_cast<std::uint64_t>(value),
+         number, at);
+}
+
+/// Sums wrap around as integers of the made type do, and are rounded as its numbers are.
+template <class Sum, class Load, class Save>
+void add_up(std::size_t count, const Load& load_one, const Save& save_one) {
+    Sum sum{};
+    for (std::size_t i = 0; i < count; ++i) {
+        const auto step = static_cast<Sum>(load_one(i));
+        sum = i == 0 ? step : static_cast<Sum>(sum + step);
+        save_one(i, sum);
+    }
+}
+
+std::vector<std::byte> from_numbers(const ZarrCodec& codec, const std::vector<std::byte>& packed,
+                                    std::uint64_t bytes, const std::string& name) {
+    const ZarrNumber& made = codec.made;
+    const ZarrNumber& stored = codec.stored;
+    const std::size_t count = packed.size() / stored.bytes;
+    if (count * stored.bytes != packed.size() || count * made.bytes != bytes) {
+        corrupt(name, fmt::format("{} numbers in {} bytes do not make {} bytes", count,
+                                  packed.size(), bytes));
+    }
+    std::vector<std::byte> out(bytes);
+    const auto from = [&](std::size_t i) { return packed.data() + i * stored.bytes; };
+    const auto to = [&](std::size_t i) { return out.data() + i * made.bytes; };
+    if (codec.kind == ZarrCodec::Kind::scaled) {
+        const bool is_single = stored.kind == 'f' && stored.bytes == sizeof(float);
+        for (std::size_t i = 0; i < count; ++i) {
+            const double value = load_real(from(i), stored);
+            save_real(is_single ? static_cast<double>(static_cast<float>(value) /
+                                                          static_cast<float>(codec.scale) +
+                                                      static_cast<float>(codec.offset))
+                                : value / codec.scale + codec.offset,
+                      made, to(i));
+        }
+    } else if (made.kind != 'f') {
+        add_up<std::uint64_t>(
+            count, [&](std::size_t i) { return load(from(i), stored); },
+            [&](std::size_t i, std::uint64_t sum) { save(sum, made, to(i)); });
+    } else {
+        const auto load_one = [&](std::size_t i) { return load_real(from(i), stored); };
+        const auto save_one = [&](std::size_t i, auto sum) {
+            save_real(static_cast<double>(sum), made, to(i));
+        };
+        if (made.bytes == sizeof(float)) {
+            add_up<float>(count, load_one, save_one);
+        } else {
+            add_up<double>(count, load_one, save_one);
+        }
+    }
+    return out;
+}
+
+/// How many bytes the codec takes; it makes `bytes` of them.
+std::vector<std::byte> undo(const ZarrCodec& codec, std::vector<std::byte> packed,
+                            std::uint64_t bytes, const std::string& name) {
+    using Kind = ZarrCodec::Kind;
+    switch (codec.kind) {
+        case Kind::zlib:
+        case Kind::gzip:
+            return inflated(packed, bytes, name);
+        case Kind::zstd:
+            return from_zstd(packed, bytes, name);
+        case Kind::blosc:
+            return from_blosc(packed, bytes, name);
+        case Kind::lz4:
+            return from_lz4(packed, bytes, name);
+        case Kind::bzip2:
+            return from_block(BlockPacking::bzip2, packed, bytes, name);
+        case Kind::lzma:
+            return from_block(BlockPacking::lzma, packed, bytes, name);
+        case Kind::crc32c:
+        case Kind::crc32:
+        case Kind::adler32:
+            return without_checksum(codec.kind, std::move(packed), bytes, name);
+        case Kind::shuffle:
+            return unshuffled(packed, codec.element, name);
+        case Kind::delta:
+        case Kind::scaled:
+            return from_numbers(codec, packed, bytes, name);
+        case Kind::same:
+            break;
+    }
+    return packed;
+}
+
+/// How many bytes a codec makes of so many, and the other way around; none for compressors.
+std::optional<std::uint64_t> encoded_bytes(const ZarrCodec& codec, std::uint64_t bytes) {
+    switch (codec.kind) {
+        case ZarrCodec::Kind::crc32c:
+        case ZarrCodec::Kind::crc32:
+        case ZarrCodec::Kind::adler32:
+            return bytes + kChecksum;
+        case ZarrCodec::Kind::delta:
+        case ZarrCodec::Kind::scaled:
+            return bytes / codec.made.bytes * codec.stored.bytes;
+        case ZarrCodec::Kind::shuffle:
+        case ZarrCodec::Kind::same:
+            return bytes;
+        default:
+            return std::nullopt;
+    }
+}
+std::optional<std::uint64_t> decoded_bytes(const ZarrCodec& codec, std::uint64_t bytes) {
+    switch (codec.kind) {
+        case ZarrCodec::Kind::crc32c:
+        case ZarrCodec::Kind::crc32:
+        case ZarrCodec::Kind::adler32:
+            return bytes - std::min<std::uint64_t>(bytes, kChecksum);
+        case ZarrCodec::Kind::shuffle:
+        case ZarrCodec::Kind::same:
+            return bytes;
+        default:
+            return std::nullopt;
+    }
+}
+
+const nlohmann::json& option(const nlohmann::json& options, const char* key) {
+    static const nlohmann::json null;
+    const auto it = options.is_object() ? options.find(key) : options.end();
+    return !options.is_object() || it == options.end() ? null : *it;
+}
+
+/// "<i2" or "int16", integers and floating point numbers of up to 64 bits.
+ZarrNumber number_type(const nlohmann::json& given, const std::string& codec,
+                       const std::string& name) {
+    const std::string text = given.is_string() ? given.get<std::string>() : "";
+    std::string_view rest = text;
+    ZarrNumber number;
+    number.big_endian = rest.starts_with('>');
+    if (!rest.empty() && std::string_view("<>|=").find(rest[0]) != std::string_view::npos) {
+        rest.remove_prefix(1);
+    }
+    std::size_t size = 0;
+    constexpr std::array<std::pair<std::string_view, char>, 3> kNames{
+        {{"uint", 'u'}, {"int", 'i'}, {"float", 'f'}}};
+    const auto* const found = std::find_if(
+        kNames.begin(), kNames.end(), [&](const auto& one) { return rest.starts_with(one.first); });
+    const bool in_bits = found != kNames.end();
+    if (in_bits) {
+        number.kind = found->second;
+        rest.remove_prefix(found->first.size());
+    } else if (!rest.empty()) {
+        number.kind = rest[0];
+        rest.remove_prefix(1);
+    }
+    const auto [end, error] = std::from_chars(rest.data(), rest.data() + rest.size(), size);
+    number.bytes = in_bits ? size / 8 : size;
+    const bool is_size = number.bytes == 4 || number.bytes == 8 ||
+                         (number.kind != 'f' && (number.bytes == 1 || number.bytes == 2));
+    if (error != std::errc{} || end != rest.data() + rest.size() || !is_size ||
+        (number.kind != 'i' && number.kind != 'u' && number.kind != 'f') ||
+        (in_bits && size % 8 != 0)) {
+        throw Error(ErrorKind::unsupported, {name},
+                    fmt::format("its chunks went through the filter '{:.40}' for numbers of type "
+                                "{:.40}: integers, float32 and float64 are read",
+                                codec, given.dump()));
+    }
+    return number;
+}
+
+void set_numbers(const nlohmann::json& options, const std::string& id, const std::string& name,
+                 ZarrCodec& codec) {
+    const nlohmann::json& type = option(options, "dtype");
+    const nlohmann::json& stored = option(options, "astype");
+    codec.made = number_type(type, id, name);
+    codec.stored = number_type(stored.is_null() ? type : stored, id, name);
+    if (codec.kind == ZarrCodec::Kind::delta &&
+        (codec.made.kind == 'f') != (codec.stored.kind == 'f')) {
+        throw Error(ErrorKind::unsupported, {name},
+                    "its chunks have differences of integers as floating point numbers, or the "
+                    "other way around");
+    }
+    if (codec.kind == ZarrCodec::Kind::scaled) {
+        const nlohmann::json& scale = option(options, "scale");
+        const nlohmann::json& offset = option(options, "offset");
+        codec.scale = scale.is_number() ? scale.get<double>() : 0;
+        codec.offset = offset.is_number() ? offset.get<double>() : NAN;
+        if (codec.scale == 0 || !std::isfinite(codec.scale) || !std::isfinite(codec.offset)) {
+            throw Error(ErrorKind::corrupt, {name},
+                        fmt::format("the filter '{}' has the scale {:.40} and the offset {:.40}",
+                                    id, scale.dump(), offset.dump()));
+        }
+    }
+}
+
+/// Where the block's library is missing, says so.
+ZarrCodec block_codec(ZarrCodec::Kind kind, BlockPacking packing, const std::string& id,
+                      const std::string& name) {
+    const std::string package = missing_package(packing);
+    if (!package.empty()) {
+        throw Error(ErrorKind::unsupported, {name},
+                    fmt::format("its chunks went through {}, which this build does not have", id),
+                    {{RemedyKind::install_package, package}});
+    }
+    return {.kind = kind};
+}
+
+/// zarr-python 3 writes the codecs of numcodecs with this before their names.
+std::string_view without_prefix(std::string_view id) {
+    constexpr std::string_view kPrefix = "numcodecs.";
+    return id.starts_with(kPrefix) ? id.substr(kPrefix.size()) : id;
+}
+
 }  // namespace
 
-ZarrCodec zarr_codec(const std::string& codec, const std::string& name) {
-    if (codec == "zlib") {
-        return ZarrCodec::zlib;
+bool is_of_numbers(const std::string& codec) {
+    const std::string_view id = without_prefix(codec);
+    return id == "delta" || id == "fixedscaleoffset" || id == "bitround" || id == "quantize";
+}
+
+ZarrCodec zarr_codec(const std::string& codec, const nlohmann::json& options,
+                     const std::string& name) {
+    using Kind = ZarrCodec::Kind;
+    const std::string id(without_prefix(codec));
+    constexpr std::array<std::pair<std::string_view, Kind>, 6> kPlain{{{"zlib", Kind::zlib},
+                                                                       {"gzip", Kind::gzip},
+                                                                       {"zstd", Kind::zstd},
+                                                                       {"crc32c", Kind::crc32c},
+                                                                       {"adler32", Kind::adler32},
+                                                                       {"bitround", Kind::same}}};
+    for (const auto& [plain, kind] : kPlain) {
+        if (id == plain) {
+            return {.kind = kind};
+        }
     }
-    if (codec == "gzip") {
-        return ZarrCodec::gzip;
+    if (id == "crc32") {
+        if (option(options, "location") == "end") {
+            throw Error(ErrorKind::unsupported, {name}, "a CRC-32 at the end of its chunks");
+        }
+        return {.kind = Kind::crc32};
     }
-    if (codec == "zstd") {
-        return ZarrCodec::zstd;
+    if (id == "lz4") {
+        return block_codec(Kind::lz4, BlockPacking::lz4, id, name);
     }
-    if (codec == "crc32c") {
-        return ZarrCodec::crc32c;
+    if (id == "bz2") {
+        return block_codec(Kind::bzip2, BlockPacking::bzip2, id, name);
     }
-    if (codec == "blosc") {
+    if (id == "lzma") {
+        constexpr int kRaw = 3;
+        if (option(options, "format") == kRaw) {
+            throw Error(ErrorKind::unsupported, {name}, "its chunks are LZMA without a header");
+        }
+        return block_codec(Kind::lzma, BlockPacking::lzma, id, name);
+    }
+    if (id == "blosc") {
 #if ISONEST_WITH_BLOSC
-        return ZarrCodec::blosc;
+        return {.kind = Kind::blosc};
 #else
         throw Error(ErrorKind::unsupported, {name},
                     "its chunks went through blosc, which this build does not have",
                     {{RemedyKind::install_package, "libblosc-dev"}});
 #endif
     }
+    if (id == "shuffle") {
+        constexpr std::uint64_t kDefault = 4;
+        constexpr std::uint64_t kMost = 256;
+        const nlohmann::json& size = option(options, "elementsize");
+        const std::uint64_t element = size.is_null()              ? kDefault
+                                      : size.is_number_unsigned() ? size.get<std::uint64_t>()
+                                                                  : kMost + 1;
+        if (element > kMost) {
+            throw Error(ErrorKind::corrupt, {name},
+                        fmt::format("shuffled numbers of {:.40} bytes", size.dump()));
+        }
+        return {.kind = Kind::shuffle, .element = std::max<std::size_t>(element, 1)};
+    }
+    if (id == "delta" || id == "fixedscaleoffset" || id == "quantize") {
+        ZarrCodec numbers{.kind = id == "delta"      ? Kind::delta
+                                  : id == "quantize" ? Kind::same
+                                                     : Kind::scaled};
+        set_numbers(options, id, name, numbers);
+        if (numbers.kind == Kind::same && (numbers.made.kind != numbers.stored.kind ||
+                                           numbers.made.bytes != numbers.stored.bytes)) {
+            throw Error(ErrorKind::unsupported, {name},
+                        "its chunks went through the filter 'quantize' with another type");
+        }
+        return numbers;
+    }
     throw Error(ErrorKind::unsupported, {name},
-                fmt::format("its chunks went through the codec '{:.40}': zlib, gzip, zstd, blosc "
-                            "and crc32c are read",
+                fmt::format("its chunks went through the codec '{:.40}': zlib, gzip, zstd, blosc, "
+                            "lz4, bz2, lzma, crc32c, crc32, adler32, shuffle, delta, "
+                            "fixedscaleoffset, quantize and bitround are read",
                             codec));
+}
+
+std::uint64_t most_between(std::span<const ZarrCodec> codecs, std::uint64_t bytes) {
+    std::uint64_t most = bytes;
+    std::optional<std::uint64_t> made = bytes;
+    for (const ZarrCodec& codec : codecs) {
+        made = made ? encoded_bytes(codec, *made) : made;
+        most = std::max(most, made.value_or(0));
+    }
+    return most;
+}
+
+std::uint64_t beside_codecs(std::span<const ZarrCodec> codecs) {
+    std::uint64_t most = 0;
+    for (const ZarrCodec& codec : codecs) {
+        most =
+            std::max(most, codec.kind == ZarrCodec::Kind::lzma    ? most_beside(BlockPacking::lzma)
+                           : codec.kind == ZarrCodec::Kind::bzip2 ? most_beside(BlockPacking::bzip2)
+                                                                  : 0);
+    }
+    return most;
 }
 
 std::vector<std::byte> decode_zarr(std::vector<std::byte> packed, std::span<const ZarrCodec> codecs,
                                    std::uint64_t bytes, const std::string& name) {
-    // What goes into a codec has four bytes more for each checksum before it. What comes out of a
-    // compressor is not known; there is one at most.
+    // What comes out of a compressor is not known, what goes into it is; there is one at most.
     std::vector<std::optional<std::uint64_t>> sizes;
     std::optional<std::uint64_t> made = bytes;
-    for (const ZarrCodec codec : codecs) {
+    for (const ZarrCodec& codec : codecs) {
         sizes.push_back(made);
-        if (codec != ZarrCodec::crc32c) {
-            made.reset();
-        } else if (made) {
-            *made += kChecksum;
-        }
+        made = made ? encoded_bytes(codec, *made) : made;
     }
     for (std::size_t i = codecs.size(); i-- > 0;) {
-        if (!sizes[i] && codecs[i] != ZarrCodec::crc32c) {
+        const std::optional<std::uint64_t> size =
+            sizes[i] ? sizes[i] : decoded_bytes(codecs[i], packed.size());
+        if (!size) {
             throw Error(ErrorKind::unsupported, {name}, "its chunks were compressed twice");
         }
-        const std::uint64_t without =
-            packed.size() - std::min<std::size_t>(packed.size(), kChecksum);
-        packed = undo(codecs[i], std::move(packed), sizes[i].value_or(without), name);
+        packed = undo(codecs[i], std::move(packed), *size, name);
     }
     if (packed.size() != bytes) {
         corrupt(name, fmt::format("{} bytes, but {} are right", packed.size(), bytes));

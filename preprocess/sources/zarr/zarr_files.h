@@ -109,6 +109,12 @@ constexpr std::uint64_t most_packed(std::uint64_t bytes) {
 void check_packed(std::uint64_t packed, const ZarrChunkPlace& place);
 
 std::shared_ptr<ZarrFiles> local_zarr_files(std::filesystem::path root);
+/// The folder in a ZIP archive that is a Zarr hierarchy: empty for the archive itself, else the
+/// only one of its folders that is one; none if there is none. Throws as read_zip_directory().
+std::optional<std::string> zarr_in_zip(const std::filesystem::path& archive);
+/// The hierarchy in that folder. Holds the archive's directory. Throws as read_zip_directory().
+std::shared_ptr<ZarrFiles> zip_zarr_files(const std::filesystem::path& archive,
+                                          const std::string& inside);
 /// Reads what describes the root, and what its consolidated metadata say of all below. Throws what
 /// open_folder_location() throws, Error{io, corrupt, unsupported}, and what remote.check throws.
 std::shared_ptr<ZarrFiles> far_zarr_files(const std::filesystem::path& url,

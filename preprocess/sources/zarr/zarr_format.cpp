@@ -235,9 +235,23 @@ ZarrImage find_image(ZarrFiles& files, const VolumeInput& input, const std::stri
     }
 }
 
+std::shared_ptr<ZarrFiles> files_of(const VolumeInput& input, const SourceOptions& options) {
+    if (input.far) {
+        return far_zarr_files(input.path(), options.remote);
+    }
+    if (input.folder) {
+        return local_zarr_files(input.path());
+    }
+    const std::optional<std::string> inside = zarr_in_zip(input.path());
+    if (!inside) {
+        throw Error(ErrorKind::not_found, {input.name()},
+                    "there is not one Zarr array or group at the top of this archive; unpack it");
+    }
+    return zip_zarr_files(input.path(), *inside);
+}
+
 std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOptions& options) {
-    const std::shared_ptr<ZarrFiles> files =
-        input.far ? far_zarr_files(input.path(), options.remote) : local_zarr_files(input.path());
+    const std::shared_ptr<ZarrFiles> files = files_of(input, options);
     ZarrImage image = find_image(*files, input, options.dataset);
     const std::string name = image.array.folder.string();
     for (const ArrayAxis& axis : image.axes) {
@@ -283,9 +297,35 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
                : std::move(source);
 }
 
+/// A ZIP archive by the name of its first member, or by all of them.
+bool is_zipped_zarr(const VolumeInput& input) {
+    constexpr std::size_t kName = 30;
+    if (input.far || !input.head.starts_with("PK\3\4") || input.head.size() < kName) {
+        return false;
+    }
+    const std::size_t length = static_cast<unsigned char>(input.head[26]) +
+                               256 * std::size_t{static_cast<unsigned char>(input.head[27])};
+    const std::string_view name = std::string_view(input.head).substr(kName, length);
+    const std::string_view last = name.substr(name.rfind('/') + 1);
+    for (const std::string_view known :
+         {".zarray", ".zgroup", ".zattrs", ".zmetadata", "zarr.json"}) {
+        if (last == known) {
+            return true;
+        }
+    }
+    try {
+        return zarr_in_zip(input.path()).has_value();
+    } catch (const Error&) {
+        return false;  // damaged: nobody knows what it was
+    }
+}
+
 bool is_zarr(const VolumeInput& input) {
     std::error_code error;
     const std::filesystem::path& folder = input.path();
+    if (!input.folder && !input.far) {
+        return is_zipped_zarr(input);
+    }
     if (!input.folder || input.far) {
         return input.folder;  // of folders elsewhere no others are read
     }
@@ -300,7 +340,7 @@ bool is_zarr(const VolumeInput& input) {
 }  // namespace
 
 VolumeFormat zarr_format() {
-    return {.about = {"Zarr, OME-Zarr", ".zarr .ome.zarr folders", ""},
+    return {.about = {"Zarr, OME-Zarr", ".zarr .ome.zarr folders, .zarr.zip", ""},
             .takes = {.dataset = true, .index = true},
             .reads_urls = true,
             .recognises = is_zarr,

@@ -1,5 +1,7 @@
 """Arrays and groups of Zarr. The judges are zarr-python (version 2) and what was written by the specification (version 3)."""
 import json
+import pathlib
+import zipfile
 
 import numcodecs
 import numpy as np
@@ -9,10 +11,14 @@ from arrays import zarr3
 from arrays.expect import TYPES, check, numbers
 
 CODECS = (lambda one: None, lambda one: numcodecs.Zlib(one.pick(0, 1, 9)), lambda one: numcodecs.GZip(one.pick(0, 1, 9)),
-          lambda one: numcodecs.Zstd(one.pick(-3, 0, 1, 19)), lambda one: blosc(one), lambda one: blosc(one))
-OTHER_CODECS = (numcodecs.LZ4, numcodecs.BZ2, numcodecs.LZMA)
-FILTERS = (lambda kind: numcodecs.Delta(kind), lambda kind: numcodecs.Shuffle(np.dtype(kind).itemsize),
-           lambda kind: numcodecs.FixedScaleOffset(0, 1, kind))
+          lambda one: numcodecs.Zstd(one.pick(-3, 0, 1, 19)), lambda one: blosc(one), lambda one: blosc(one),
+          lambda one: numcodecs.LZ4(one.pick(1, 9)), lambda one: numcodecs.BZ2(one.pick(1, 9)), lambda one: numcodecs.LZMA(one.pick(1, 1, 2)))
+OTHER_CODECS = (numcodecs.Base64, numcodecs.Pickle)
+# Some lose digits: what zarr-python reads then is what was stored.
+FILTERS = (lambda one, kind: numcodecs.Delta(kind), lambda one, kind: numcodecs.Shuffle(np.dtype(kind).itemsize),
+           lambda one, kind: numcodecs.FixedScaleOffset(one.pick(0, 2.5), one.pick(1, 4), kind) if kind.kind == "f" else numcodecs.Delta(kind),
+           lambda one, kind: numcodecs.CRC32(), lambda one, kind: numcodecs.Adler32(),
+           lambda one, kind: numcodecs.BitRound(9) if kind.kind == "f" else numcodecs.Shuffle(4 if kind.itemsize >= 4 else kind.itemsize))
 
 
 def blosc(one):
@@ -69,6 +75,20 @@ def chosen_of(one, data, names=None):
     return tuple(at.get(a) for a in range(data.ndim)), chosen
 
 
+def zipped(one, root, stored_alone=False):
+    """A folder, or it in a ZIP archive, as its top or below a folder."""
+    if one.chance(0.85):
+        return root
+    archive = one.folder / "archive.zip"
+    below = one.pick("", "v.zarr")
+    method = zipfile.ZIP_STORED if stored_alone else one.pick(zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+    with zipfile.ZipFile(archive, "w", method) as file:
+        for one_file in root.rglob("*"):
+            if one_file.is_file():
+                file.write(one_file, pathlib.PurePosixPath(below) / one_file.relative_to(root))
+    return archive
+
+
 def zarr_v2(one):
     kind = one.pick(*TYPES, "b1")
     order = one.pick("<", ">")
@@ -79,8 +99,14 @@ def zarr_v2(one):
     refused, filters, compressor = None, None, one.pick(*CODECS)(one)
     if one.chance(0.03):
         compressor, refused = one.pick(*OTHER_CODECS)(), "codec"
-    elif one.chance(0.03) and kind.kind != "b":
-        filters, refused = [one.pick(*FILTERS)(kind)], "filter"
+    elif one.chance(0.25) and kind.kind != "b":
+        filters = [one.pick(*FILTERS)(one, kind) for _ in range(one.pick(1, 1, 2))]
+        if len(filters) > 1 and isinstance(filters[0], (numcodecs.CRC32, numcodecs.Adler32)):
+            filters.reverse()  # numbers come first
+        if len(filters) > 1 and isinstance(filters[0], (numcodecs.CRC32, numcodecs.Adler32, numcodecs.Shuffle)):
+            filters = filters[:1]
+        if kind.str[1:] == "f2" and any(isinstance(f, (numcodecs.Delta, numcodecs.FixedScaleOffset)) for f in filters):
+            refused = "filter"
     elif one.chance(0.02):
         kind, data, fill = one.pick((np.dtype("<c8"), data.astype("c8"), 0), (np.dtype([("a", "<i2"), ("b", "u1")]),
                                     np.zeros(shape, [("a", "<i2"), ("b", "u1")]), None), (np.dtype("S3"), data.astype("S3"), b""))
@@ -108,11 +134,14 @@ def zarr_v2(one):
         if one.chance(0.3):
             zarr.consolidate_metadata(str(root))
     if refused is None:
-        np.testing.assert_array_equal(zarr.open_array(str(root), mode="r", path=inside)[...], data)
+        read = zarr.open_array(str(root), mode="r", path=inside)[...]
+        if filters is None:
+            np.testing.assert_array_equal(read, data)
+        data = read
     index, chosen = chosen_of(one, data) if refused is None else (None, data)
     if index is None and sum(n > 1 for n in data.shape) > 3:
         refused = refused or "axes: volumes of one scalar"
-    return check(one, root, chosen, {"index": index, **options}, refused=refused)
+    return check(one, zipped(one, root), chosen, {"index": index, **options}, refused=refused)
 
 
 def fill_text(one, fill, kind):
@@ -165,7 +194,8 @@ def version_3(one, codecs_of):
     index, chosen = chosen_of(one, data, names)
     if index is None and sum(n > 1 for n in data.shape) > 3:
         refused = refused or "axes: volumes of one scalar"
-    return check(one, one.folder / "v.zarr", chosen, {"index": index, **options}, refused=refused)
+    root = zipped(one, one.folder / "v.zarr", stored_alone=any(c["name"] == "sharding_indexed" for c in codecs))
+    return check(one, root, chosen, {"index": index, **options}, refused=refused)
 
 
 def zarr_v3(one):
