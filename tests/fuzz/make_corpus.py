@@ -1,18 +1,21 @@
 """Makes the seeds of the fuzzing corpus anew.   Usage: make_corpus.py ISONEST"""
 import bz2
 import gzip
+import io
 import json
 import pathlib
 import struct
 import subprocess
 import sys
 import tempfile
+import zipfile
 import zlib
 
 import h5py
 import mrcfile
 import netCDF4
 import nibabel
+import numcodecs
 import numpy as np
 import pydicom
 import tifffile
@@ -135,6 +138,16 @@ seed("numpy", "npy_fortran", saved("v.npy", lambda p: np.save(p, np.asfortranarr
 seed("numpy", "npz", saved("v.npz", lambda p: np.savez(p, v=grid)))
 seed("numpy", "npz_deflated", saved("v.npz", lambda p: np.savez_compressed(p, v=grid)))
 seed("mrc", "mrc", saved("v.mrc", lambda p: mrcfile.new(p, grid).close()))
+packed_map = bytearray(saved("v.mrc", lambda p: mrcfile.new(p, grid).close()))
+packed_map[64:76] = struct.pack("<3i", 3, 1, 2)
+seed("mrc", "mrc_gzip_axes", gzip.compress(packed_map, mtime=0))
+seed("mgh", "mgh", saved("v.mgh", lambda p: nibabel.save(nibabel.MGHImage(grid.T, np.diag([1, 2, 3, 1])), p)))
+seed("mgh", "mgz", gzip.compress(saved("v.mgh", lambda p: nibabel.save(nibabel.MGHImage(grid.T, np.eye(4)), p)), mtime=0))
+for name, known in (("analyze", nibabel.AnalyzeHeader().binaryblock), ("dm3", struct.pack(">iii", 3, 104, 1) + bytes(100)),
+                    ("plot3d", struct.pack("<5i", 12, 2, 2, 2, 12) + bytes(104)), ("stl", bytes(80) + struct.pack("<I", 1) + bytes(50)),
+                    ("vtr", b'<?xml version="1.0"?><VTKFile type="RectilinearGrid">'), ("obj", b"# a mesh\nv 1 2 3\n"),
+                    ("edf", b"{\nByteOrder = LowByteFirst ;\nDim_1 = 4 ;\n}\n"), ("head", b"\ntype = string-attribute\nname = A\n")):
+    seed("known", name, known)
 for name, kind in (("nifti", nibabel.Nifti1Image), ("nifti2", nibabel.Nifti2Image)):
     seed("nifti", name, saved("v.nii", lambda p: nibabel.save(kind(grid.T, np.diag([1, 2, 3, 1])), p)))
 seed("nifti", "nifti_gzip", saved("v.nii.gz", lambda p: nibabel.save(nibabel.Nifti1Image(grid.T, np.eye(4)), p)))
@@ -144,7 +157,8 @@ seed("meta_image", "meta", meta + b"ElementSpacing = 1 2 3\nTransformMatrix = -1
 seed("meta_image", "meta_zlib", meta + b"CompressedData = True\nElementDataFile = LOCAL\n" + zlib.compress(values))
 for name, calls in (("vti", {}), ("vti_raw", {"SetCompressorTypeToNone": ()}),
                     ("vti_base64", {"SetEncodeAppendedData": (1,)}), ("vti_binary", {"SetDataModeToBinary": ()}),
-                    ("vti_text", {"SetDataModeToAscii": ()})):
+                    ("vti_text", {"SetDataModeToAscii": ()}), ("vti_lz4", {"SetCompressorTypeToLZ4": ()}),
+                    ("vti_lzma", {"SetCompressorTypeToLZMA": ()}), ("vti_pieces", {"SetNumberOfPieces": (2,)})):
     seed("vti", name, saved("v.vti", lambda p: vtk_file(vtk.vtkXMLImageDataWriter(), p, **{
         "SetEncodeAppendedData": (0,), **calls})))
 seed("vtk", "vtk", saved("v.vtk", lambda p: vtk_file(vtk.vtkStructuredPointsWriter(), p, SetFileTypeToBinary=())))
@@ -328,11 +342,21 @@ def zarr_folder(kind, description, chunk):
 
 
 with tempfile.TemporaryDirectory() as name:
-    for codec in (None, zarr.Blosc("lz4"), zarr.Zlib(), zarr.Zstd(), zarr.GZip()):
+    for codec in (None, zarr.Blosc("lz4"), zarr.Zlib(), zarr.Zstd(), zarr.GZip(), numcodecs.LZ4(), numcodecs.BZ2(), numcodecs.LZMA()):
         zarr.save_array(name, grid, chunks=(2, 3, 4), compressor=codec)
         description = json.loads((pathlib.Path(name) / ".zarray").read_text())
         seed("zarr", f"v2_{codec.codec_id if codec else 'plain'}",
              zarr_folder(0, description, (pathlib.Path(name) / "0.0.0").read_bytes()))
+with tempfile.TemporaryDirectory() as name:
+    zarr.save_array(name, grid, chunks=(2, 3, 4), compressor=None, filters=[
+        numcodecs.FixedScaleOffset(1, 2, "i2"), numcodecs.Delta("i2", "i4"), numcodecs.Shuffle(4), numcodecs.CRC32()])
+    seed("zarr", "v2_filters", zarr_folder(0, json.loads((pathlib.Path(name) / ".zarray").read_text()),
+                                           (pathlib.Path(name) / "0.0.0").read_bytes()))
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
+        for part in (".zarray", "0.0.0"):
+            file.writestr(zipfile.ZipInfo(part), (pathlib.Path(name) / part).read_bytes())
+    seed("volume", "zipped_zarr", archive.getvalue())
 array = {"zarr_format": 3, "node_type": "array", "shape": [2, 3, 4], "data_type": "int16", "fill_value": -1,
          "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [2, 3, 4]}},
          "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
