@@ -77,7 +77,8 @@ std::string identity_of(const StoreHeader& h, const VolumeSource& source, bool r
            (h.direction == kAlongWorld
                 ? ""
                 : fmt::format("direction {}\n", fmt::join(vtk_direction(h.direction), " "))) +
-           (h.unit ? fmt::format("unit {}\n", symbol_of(*h.unit)) : "");
+           (h.unit ? fmt::format("unit {}\n", symbol_of(*h.unit)) : "") +
+           (h.frame == AnatomicalFrame::unknown ? "" : fmt::format("frame {}\n", name_of(h.frame)));
 }
 
 void write_cube_ranges(CentreStore& centres, StoreWriter& writer) {

@@ -25,10 +25,10 @@ std::string digest_of(const std::string& text) {
 /// All that decides which values lie where; not what the input is called.
 std::string input_text(const VolumeSource& source) {
     const VolumeDescription v = source.describe();
-    std::string text =
-        fmt::format("{}\n{} {} {} {} {} {} {}\n", source.identity(), v.nodes.x, v.nodes.y,
-                    v.nodes.z, name_of(v.type), v.labels, v.unit ? static_cast<int>(*v.unit) : -1,
-                    fmt::format("{} {}", fmt::join(v.spacing, " "), fmt::join(v.origin, " ")));
+    std::string text = fmt::format(
+        "{}\n{} {} {} {} {} {} {} {}\n", source.identity(), v.nodes.x, v.nodes.y, v.nodes.z,
+        name_of(v.type), v.labels, v.unit ? static_cast<int>(*v.unit) : -1, name_of(v.frame),
+        fmt::format("{} {}", fmt::join(v.spacing, " "), fmt::join(v.origin, " ")));
     for (const Double3& axis : v.direction) {
         text += fmt::format("{}\n", fmt::join(axis, " "));
     }

@@ -27,22 +27,26 @@ namespace isonest {
 using namespace detail;
 namespace {
 
-/// A source with another spacing, origin or unit than the file says.
+/// A source with another spacing, origin, unit or frame than the file says. With another spacing
+/// the axes are along the world's: of axes that were not, nothing says any more how a patient lies.
 class Placed : public DescribedSource {
   public:
     Placed(std::unique_ptr<VolumeSource> inner, const SourceOptions& options)
         : DescribedSource(std::move(inner)),
           spacing_(options.spacing),
           origin_(options.origin),
-          unit_(options.unit) {}
+          unit_(options.unit),
+          frame_(options.frame) {}
     [[nodiscard]] VolumeDescription describe() const override {
         VolumeDescription result = inner_source().describe();
         result.spacing = spacing_.value_or(result.spacing);
         result.origin = origin_.value_or(result.origin);
         result.unit = unit_ ? unit_ : result.unit;
-        if (spacing_) {
+        if (spacing_ && result.direction != kAlongWorld) {
             result.direction = kAlongWorld;
+            result.frame = AnatomicalFrame::unknown;
         }
+        result.frame = frame_.value_or(result.frame);
         return result;
     }
 
@@ -50,6 +54,7 @@ class Placed : public DescribedSource {
     std::optional<Double3> spacing_;
     std::optional<Double3> origin_;
     std::optional<LengthUnit> unit_;
+    std::optional<AnatomicalFrame> frame_;
 };
 
 /// A source with what was fetched for it.
@@ -322,7 +327,7 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
     if (options.labels) {
         take_for_labels(*source);
     }
-    if (options.spacing || options.origin || options.unit) {
+    if (options.spacing || options.origin || options.unit || options.frame) {
         source = std::make_unique<Placed>(std::move(source), options);
     }
     if (input.elsewhere) {

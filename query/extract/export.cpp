@@ -144,6 +144,7 @@ void export_field(const StoreReader& store, const std::filesystem::path& path,
     spec.origin = header.origin;
     spec.direction = header.direction;
     spec.unit = header.unit;
+    spec.frame = header.frame;
     spec.spacing = header.spacing;
     spec.force = options.force;
     if (options.field == Field::values) {

@@ -21,7 +21,8 @@ Extraction::Extraction(StagedVolume volume, ExtractQuery asked, MeshSink& sink,
       options_(options),
       progress_(progress),
       scratch_(ScratchFolder::metered(options.scratch)),
-      layout_(layout_of(asked_.traversal.attributes, asked_.corners(), volume_.header.unit)) {}
+      layout_(layout_of(asked_.traversal.attributes, asked_.corners(), volume_.header.unit,
+                        volume_.header.frame)) {}
 
 void Extraction::prepare(std::vector<std::filesystem::path> inputs) {
     if (asked_.values != nullptr) {

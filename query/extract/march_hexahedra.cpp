@@ -40,6 +40,7 @@ void require_along_world(const VolumeDescription& volume) {
 MeshLayout layout_of(const VolumeDescription& volume, bool normals) {
     MeshLayout layout;
     layout.unit = volume.unit;
+    layout.frame = volume.frame;
     if (normals) {
         layout.attributes.push_back({"normal", 3, false, 0});
         layout.row_bytes = layout.attributes.back().bytes();

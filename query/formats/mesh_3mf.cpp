@@ -35,8 +35,8 @@ constexpr std::string_view kBeforeUnit =
 constexpr std::string_view kBehindUnit =
     "\" xml:lang=\"en-US\" "
     "xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\">\n"
-    "<metadata name=\"Application\">isonest</metadata>\n"
-    "<resources>\n";
+    "<metadata name=\"Application\">isonest</metadata>\n";
+constexpr std::string_view kResources = "<resources>\n";
 /// Of the type "model", which is the default and means a solid, though whether the mesh is closed
 /// is not known: slicers repair an open "model", and leave out other types or refuse the file.
 constexpr std::string_view kObject = "<object id=\"1\"";
@@ -171,7 +171,7 @@ class Rows {
 class ThreeMfFile : public MeshFile {
   public:
     using MeshFile::MeshFile;
-    void begin(const MeshLayout& layout) override {
+    void begin_file(const MeshLayout& layout) override {
         constexpr int kBits = 31;
         require_bits(kBits, layout.vertices, "vertices", "3MF");
         require_bits(kBits, layout.elements, "triangles", "3MF");
@@ -189,13 +189,25 @@ class ThreeMfFile : public MeshFile {
         zip.end_entry();
         zip.begin_entry("3D/3dmodel.model");
         zip.add(fmt::format("{}{}{}", kBeforeUnit, unit_in_3mf(layout.unit).name, kBehindUnit));
+        if (layout.frame != AnatomicalFrame::unknown) {
+            zip.add(fmt::format("<metadata name=\"Description\">{}</metadata>\n",
+                                space_text(layout.frame)));
+        }
+        zip.add(kResources);
         if (has_triangles_) {
             zip.add(object_of(title(), color()));
         }
     }
 
     void add_vertices(const VertexBatch& batch) override {
-        vertices_->add(batch.positions, *zip_);
+        if (is_turned()) {
+            std::vector<std::array<float, 3>> positions(batch.positions.size());
+            std::transform(batch.positions.begin(), batch.positions.end(), positions.begin(),
+                           [this](const auto& p) { return in_file(p); });
+            vertices_->add(positions, *zip_);
+        } else {
+            vertices_->add(batch.positions, *zip_);
+        }
         left_ -= batch.positions.size();
         if (left_ == 0) {
             vertices_->flush(*zip_);

@@ -50,8 +50,28 @@ std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
 
 namespace detail {
 
+AnatomicalFrame frame_in_file(AnatomicalFrame frame, MeshSpace space,
+                              const std::filesystem::path& path) {
+    const bool as_it_is = space == MeshSpace::automatic &&
+                          (frame == AnatomicalFrame::unknown || path.extension() == ".ngmesh");
+    if (space == MeshSpace::as_stored || as_it_is) {
+        return frame;
+    }
+    const AnatomicalFrame wanted =
+        space == MeshSpace::lps ? AnatomicalFrame::lps : AnatomicalFrame::ras;
+    if (frame == AnatomicalFrame::unknown) {
+        throw Error(ErrorKind::invalid_argument, {path.string()},
+                    fmt::format("it cannot be written in {}: nothing says what the volume's axes "
+                                "are in a patient",
+                                name_of(wanted)),
+                    {{RemedyKind::place_in_world, "frame"}, {RemedyKind::preprocess_again}});
+    }
+    return wanted;
+}
+
 void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) {
     check_output(path_, options_.replace, {inputs.begin(), inputs.end()});
+    frame_in_file(layout.frame, options_.space, path_);
     if (layout.corners == 2 && !holds_lines()) {
         throw Error(ErrorKind::invalid_argument, {path_.string()},
                     "lines are written as .vtp or .obj");
@@ -61,6 +81,21 @@ void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem
                     "interfaces, triangles with the labels on both sides, are written as .vtp, "
                     ".vtkhdf or .ply");
     }
+}
+
+void MeshFile::begin(const MeshLayout& layout) {
+    MeshLayout written = layout;
+    written.frame = frame_in_file(layout.frame, options_.space, path_);
+    turned_ = sign_between(layout.frame, written.frame) < 0;
+    for (std::size_t axis = 0; turned_ && axis < 2 && layout.lo[axis] <= layout.hi[axis]; ++axis) {
+        written.lo[axis] = 0 - layout.hi[axis];
+        written.hi[axis] = 0 - layout.lo[axis];
+    }
+    begin_file(written);
+}
+
+std::string space_text(AnatomicalFrame frame) {
+    return frame == AnatomicalFrame::unknown ? "" : fmt::format("SPACE={}", name_of(frame));
 }
 
 OutputFile& MeshFile::create(

@@ -1,6 +1,7 @@
 // The mesh formats: each is a sink that writes a file.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -18,9 +19,18 @@ class MeshFile : public MeshSink {
     MeshFile(std::filesystem::path path, MeshFileOptions options)
         : path_(std::move(path)), options_(std::move(options)) {}
     void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override;
+    void begin(const MeshLayout& layout) final;
     void end() override;
 
   protected:
+    /// begin(), with the frame and the box that the mesh has in the file.
+    virtual void begin_file(const MeshLayout& layout) = 0;
+    /// Whether positions and normals that come are in the other frame than those in the file: x and
+    /// y are then negated.
+    [[nodiscard]] bool is_turned() const { return turned_; }
+    [[nodiscard]] std::array<float, 3> in_file(const std::array<float, 3>& p) const {
+        return turned_ ? std::array<float, 3>{0 - p[0], 0 - p[1], p[2]} : p;
+    }
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
     /// Empty: none.
     [[nodiscard]] const std::string& title() const { return options_.title; }
@@ -41,7 +51,16 @@ class MeshFile : public MeshSink {
     std::filesystem::path path_;
     MeshFileOptions options_;
     std::optional<OutputFile> file_;
+    bool turned_ = false;
 };
+
+/// The frame of a mesh's positions in a file of this name. Throws Error{invalid_argument} for one
+/// that is asked for where the volume's is unknown.
+AnatomicalFrame frame_in_file(AnatomicalFrame frame, MeshSpace space,
+                              const std::filesystem::path& path);
+
+/// "SPACE=RAS": what 3D Slicer looks for. Empty where the frame is unknown.
+std::string space_text(AnatomicalFrame frame);
 
 std::unique_ptr<MeshSink> ply_file(const std::filesystem::path& path, const MeshFileOptions& o);
 std::unique_ptr<MeshSink> stl_file(const std::filesystem::path& path, const MeshFileOptions& o);

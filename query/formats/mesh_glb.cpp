@@ -83,7 +83,7 @@ class GlbFile : public SectionedFile {
   public:
     using SectionedFile::SectionedFile;
     [[nodiscard]] bool holds_float64() const override { return false; }
-    void begin(const MeshLayout& layout) override {
+    void begin_file(const MeshLayout& layout) override {
         require_bits(32, layout.vertices, "vertices", "glTF");
         Arrays arrays;
         Sections sections;
@@ -92,13 +92,17 @@ class GlbFile : public SectionedFile {
             R"({"asset":{"version":"2.0","generator":"isonest"},"scene":0,"scenes":[{)";
         if (layout.elements > 0) {
             json += fmt::format(
-                "\"nodes\":[0]}}],\"nodes\":[{{\"mesh\":0{}{}}}],\"meshes\":[{{\"primitives\":[{{"
+                "\"nodes\":[0]}}],\"nodes\":[{{\"mesh\":0{}{}{}}}],\"meshes\":[{{\"primitives\":[{{"
                 "\"attributes\":{{{}}},\"indices\":{},\"material\":0,\"mode\":4}}]}}],"
                 "\"materials\":[{}],\"buffers\":[{{"
                 "\"byteLength\":{}}}],\"bufferViews\":[{}],\"accessors\":[{}]}}",
                 title().empty() ? "" : fmt::format(R"(,"name":"{}")", in_json(title())),
-                scale_of(layout.unit), names, arrays.count - 1, material_of(title(), color()),
-                arrays.end, arrays.views, arrays.accessors);
+                scale_of(layout.unit),
+                layout.frame == AnatomicalFrame::unknown
+                    ? ""
+                    : fmt::format(R"(,"extras":{{"SPACE":"{}"}})", name_of(layout.frame)),
+                names, arrays.count - 1, material_of(title(), color()), arrays.end, arrays.views,
+                arrays.accessors);
         } else {
             // glTF has no empty mesh. VTK refuses a scene without nodes and a file without binary
             // data.
@@ -120,7 +124,7 @@ class GlbFile : public SectionedFile {
         }
         out.write_at(20 + json.size(), std::as_bytes(std::span(words)));
         sections.shift(head);
-        use(std::move(sections));
+        use(std::move(sections), layout);
     }
 
   private:

@@ -10,7 +10,7 @@ namespace {
 class NgmeshFile : public SectionedFile {
   public:
     using SectionedFile::SectionedFile;
-    void begin(const MeshLayout& layout) override {
+    void begin_file(const MeshLayout& layout) override {
         require_bits(32, layout.vertices, "vertices", "Neuroglancer");
         const auto count = static_cast<std::uint32_t>(layout.vertices);
         create().write_at(0, std::as_bytes(std::span(&count, 1)));
@@ -18,7 +18,8 @@ class NgmeshFile : public SectionedFile {
             sizeof(count),
             layout.unit ? converted_length(1, *layout.unit, LengthUnit::nanometre) : 1);
         use({{positions},
-             {indices32_section(sizeof(count) + layout.vertices * positions.stride())}});
+             {indices32_section(sizeof(count) + layout.vertices * positions.stride())}},
+            layout);
     }
 };
 

@@ -11,7 +11,7 @@ namespace {
 class ObjFile : public MeshFile {
   public:
     using MeshFile::MeshFile;
-    void begin(const MeshLayout& layout) override {
+    void begin_file(const MeshLayout& layout) override {
         create();
         at_ = 0;
         lines_ = layout.corners == 2;
@@ -21,17 +21,23 @@ class ObjFile : public MeshFile {
         if (layout.unit) {
             write(fmt::format("# unit {}\n", symbol_of(*layout.unit)));
         }
+        if (layout.frame != AnatomicalFrame::unknown) {
+            write(fmt::format("# {}\n", space_text(layout.frame)));
+        }
     }
 
     void add_vertices(const VertexBatch& batch) override {
         std::string text;
         auto out = std::back_inserter(text);
         for (std::size_t i = 0; i < batch.positions.size(); ++i) {
-            const auto& p = batch.positions[i];
+            const std::array<float, 3> p = in_file(batch.positions[i]);
             fmt::format_to(out, "v {:.9g} {:.9g} {:.9g}\n", p[0], p[1], p[2]);
             if (normal_) {
-                fmt::format_to(out, "vn {:.6g} {:.6g} {:.6g}\n", batch.number(i, *normal_, 0),
-                               batch.number(i, *normal_, 1), batch.number(i, *normal_, 2));
+                const std::array<float, 3> n =
+                    in_file({static_cast<float>(batch.number(i, *normal_, 0)),
+                             static_cast<float>(batch.number(i, *normal_, 1)),
+                             static_cast<float>(batch.number(i, *normal_, 2))});
+                fmt::format_to(out, "vn {:.6g} {:.6g} {:.6g}\n", n[0], n[1], n[2]);
             }
         }
         write(text);

@@ -22,13 +22,16 @@ std::string property_of(const VertexAttribute& attribute) {
 class PlyFile : public SectionedFile {
   public:
     using SectionedFile::SectionedFile;
-    void begin(const MeshLayout& layout) override {
+    void begin_file(const MeshLayout& layout) override {
         require_bits(32, layout.vertices, "vertices", "PLY");
         require_labels(layout);
         std::string header = fmt::format(
-            "ply\nformat binary_little_endian 1.0\ncomment isonest\n{}element vertex {}\n"
+            "ply\nformat binary_little_endian 1.0\ncomment isonest\n{}{}element vertex {}\n"
             "property float x\nproperty float y\nproperty float z\n",
             layout.unit ? fmt::format("comment unit {}\n", symbol_of(*layout.unit)) : "",
+            layout.frame == AnatomicalFrame::unknown
+                ? ""
+                : fmt::format("comment {}\n", space_text(layout.frame)),
             layout.vertices);
         for (const VertexAttribute& attribute : layout.attributes) {
             header += property_of(attribute);
@@ -42,7 +45,8 @@ class PlyFile : public SectionedFile {
         const std::uint64_t faces = header.size() + layout.vertices * rows.stride();
         use({{rows},
              {layout.has_sides ? sided_indices32_section(faces)
-                               : indices32_section(faces, std::byte{3})}});
+                               : indices32_section(faces, std::byte{3})}},
+            layout);
     }
 
   protected:

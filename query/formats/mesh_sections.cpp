@@ -26,14 +26,29 @@ std::array<float, 3> scaled(std::array<float, 3> position, double scale) {
     return position;
 }
 
+/// Half a turn about z. No coordinate becomes -0.
+std::array<float, 3> turned(const std::array<float, 3>& p) {
+    return {0 - p[0], 0 - p[1], p[2]};
+}
+
 /// Both of a vertex, or one of several attributes.
 void fill(const VertexSection& section, const VertexBatch& batch, std::byte* out) {
     const std::byte* attributes = batch.attributes.data() + section.first;
-    for (const auto& position : batch.positions) {
+    for (std::array<float, 3> position : batch.positions) {
         if (section.position) {
+            position = section.turned ? turned(position) : position;
             out = put(section.scale == 1 ? position : scaled(position, section.scale), out);
         }
-        out = std::copy_n(attributes, section.bytes, out);
+        if (section.turned && section.normal != VertexSection::kNoNormal) {
+            std::array<float, 3> normal{};
+            std::byte* const at = out + (section.normal - section.first);
+            std::copy_n(attributes, section.bytes, out);
+            std::memcpy(normal.data(), at, sizeof(normal));
+            put(turned(normal), at);
+            out += section.bytes;
+        } else {
+            out = std::copy_n(attributes, section.bytes, out);
+        }
         attributes += batch.row_bytes;
     }
 }
@@ -94,10 +109,13 @@ void fill_corners32(const ElementSection& section, const ElementBatch& batch, st
     }
 }
 
-void fill_facets(const ElementBatch& batch, std::byte* out) {
+void fill_facets(const ElementSection& section, const ElementBatch& batch, std::byte* out) {
     for (const auto& t : batch.nearby_corners) {
         const auto& positions = batch.nearby.positions;
-        const Triangle p{positions[t[0]], positions[t[1]], positions[t[2]]};
+        Triangle p{positions[t[0]], positions[t[1]], positions[t[2]]};
+        if (section.turned) {
+            std::transform(p.begin(), p.end(), p.begin(), turned);
+        }
         out = put(p, put(normal_of(p), out));
         out = put(std::uint16_t{0}, out);
     }
@@ -117,7 +135,7 @@ void fill(const ElementSection& section, const ElementBatch& batch, std::byte* o
         case ElementRow::corners32:
             return fill_corners32(section, batch, out);
         case ElementRow::facet:
-            return fill_facets(batch, out);
+            return fill_facets(section, batch, out);
     }
 }
 
@@ -126,9 +144,10 @@ template <class File>
 void write_rows(const File& file, const Sections& sections, const VertexBatch& batch) {
     for (const VertexSection& section : sections.vertices) {
         const std::uint64_t at = section.offset + batch.first * section.stride();
-        if (section.bytes == 0 && section.scale == 1) {
+        const bool as_it_comes = !section.turned;
+        if (section.bytes == 0 && section.scale == 1 && as_it_comes) {
             file.write_at(at, std::as_bytes(batch.positions));
-        } else if (!section.position && section.bytes == batch.row_bytes) {
+        } else if (!section.position && section.bytes == batch.row_bytes && as_it_comes) {
             file.write_at(at, batch.attributes);
         } else {
             const std::size_t bytes = batch.positions.size() * section.stride();
@@ -244,6 +263,21 @@ void Sections::shift(std::uint64_t by) {
     for (ElementSection& section : elements) {
         section.offset += by;
     }
+}
+
+void SectionedFile::use(Sections sections, const MeshLayout& layout) {
+    const VertexAttribute* const normal = layout.find("normal");
+    for (VertexSection& section : sections.vertices) {
+        section.turned = is_turned();
+        if (normal != nullptr && section.first <= normal->offset &&
+            normal->offset + normal->bytes() <= section.first + section.bytes) {
+            section.normal = normal->offset;
+        }
+    }
+    for (ElementSection& section : sections.elements) {
+        section.turned = is_turned();
+    }
+    sections_ = std::move(sections);
 }
 
 void SectionedFile::add_vertices(const VertexBatch& batch) {

@@ -23,6 +23,11 @@ struct VertexSection {
     std::size_t first = 0;  ///< of the attributes' bytes
     std::size_t bytes = 0;
     double scale = 1;  ///< of the position
+    /// x and y of the position are negated, and of the normal, whose first byte in a row of
+    /// attributes this is; none: the section has no normal.
+    bool turned = false;
+    std::size_t normal = kNoNormal;
+    static constexpr std::size_t kNoNormal = ~std::size_t{0};
 
     [[nodiscard]] std::size_t stride() const {
         return (position ? sizeof(std::array<float, 3>) : 0) + bytes;
@@ -45,6 +50,7 @@ struct ElementSection {
     bool has_prefix = false;  ///< corners32: behind the byte `prefix`
     bool has_sides = false;   ///< corners32: before the labels of both sides, int32
     std::byte prefix{};
+    bool turned = false;  ///< facet: x and y of the corners are negated
 };
 /// The numbers of the first `corners` corners, int64; and for each cell how many there are so far.
 ElementSection connectivity_section(std::uint64_t offset, std::size_t corners);
@@ -81,7 +87,8 @@ class SectionedFile : public MeshFile {
     std::string share();
 
   protected:
-    void use(Sections sections) { sections_ = std::move(sections); }
+    /// `layout`: of the mesh.
+    void use(Sections sections, const MeshLayout& layout);
 
   private:
     Sections sections_;

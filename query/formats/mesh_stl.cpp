@@ -14,19 +14,22 @@ namespace {
 class StlFile : public SectionedFile {
   public:
     using SectionedFile::SectionedFile;
-    void begin(const MeshLayout& layout) override {
+    void begin_file(const MeshLayout& layout) override {
         constexpr std::size_t kHeader = 80;
         require_bits(32, layout.elements, "triangles", "STL");
         std::array<char, kHeader + sizeof(std::uint32_t)> header{"binary STL, isonest"};
+        std::string text(header.data());
         if (layout.unit) {
-            const std::string unit =
-                fmt::format("binary STL, isonest, unit {}", symbol_of(*layout.unit));
-            std::copy(unit.begin(), unit.end(), header.begin());
+            text += fmt::format(", unit {}", symbol_of(*layout.unit));
         }
+        if (layout.frame != AnatomicalFrame::unknown) {
+            text += ", " + space_text(layout.frame);
+        }
+        std::copy(text.begin(), text.end(), header.begin());
         const auto count = static_cast<std::uint32_t>(layout.elements);
         std::memcpy(header.data() + kHeader, &count, sizeof(count));
         create().write_at(0, std::as_bytes(std::span(header)));
-        use({{}, {facet_section(header.size())}});
+        use({{}, {facet_section(header.size())}}, layout);
     }
 };
 

@@ -8,12 +8,13 @@ namespace {
 class VtkhdfFile : public SectionedFile {
   public:
     using SectionedFile::SectionedFile;
-    void begin(const MeshLayout& layout) override {
+    void begin_file(const MeshLayout& layout) override {
         PolyDataShape shape;
         shape.points = layout.vertices;
         shape.triangles = layout.elements;
         shape.labels_of_triangles = layout.has_sides;
         shape.unit = layout.unit ? symbol_of(*layout.unit) : "";
+        shape.space = layout.frame == AnatomicalFrame::unknown ? "" : name_of(layout.frame);
         for (const VertexAttribute& a : layout.attributes) {
             shape.attributes.push_back({a.name, a.components, a.is_double, a.same_in_element});
         }
@@ -39,7 +40,7 @@ class VtkhdfFile : public SectionedFile {
             const std::uint64_t zero = 0;
             out.write_at(offsets.ends - sizeof(zero), std::as_bytes(std::span(&zero, 1)));
         }
-        use(std::move(sections));
+        use(std::move(sections), layout);
     }
 
   protected:

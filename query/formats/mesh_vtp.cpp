@@ -46,10 +46,12 @@ std::string text_field(const char* name, std::string_view text) {
         name, bytes);
 }
 
-/// Unit, name and colour, as far as they are known.
-std::string field_data(std::optional<LengthUnit> unit, std::string_view title,
-                       const std::optional<LabelColor>& color) {
+/// Unit, frame, name and colour, as far as they are known.
+std::string field_data(std::optional<LengthUnit> unit, AnatomicalFrame frame,
+                       std::string_view title, const std::optional<LabelColor>& color) {
     std::string fields = text_field("unit", unit ? symbol_of(*unit) : std::string_view{}) +
+                         text_field("SPACE", frame == AnatomicalFrame::unknown ? std::string_view{}
+                                                                               : name_of(frame)) +
                          text_field("Name", title);
     if (color) {
         constexpr double kMost = 255;
@@ -64,7 +66,7 @@ std::string field_data(std::optional<LengthUnit> unit, std::string_view title,
 class VtpFile : public SectionedFile {
   public:
     using SectionedFile::SectionedFile;
-    void begin(const MeshLayout& layout) override {
+    void begin_file(const MeshLayout& layout) override {
         const std::uint64_t nv = layout.vertices;
         const std::uint64_t nt = layout.elements;
         const bool lines = layout.corners == 2;
@@ -77,7 +79,8 @@ class VtpFile : public SectionedFile {
             "byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<PolyData>\n{}"
             "<Piece NumberOfPoints=\"{}\" NumberOfVerts=\"0\" NumberOfLines=\"{}\" "
             "NumberOfStrips=\"0\" NumberOfPolys=\"{}\">\n",
-            field_data(layout.unit, title(), color()), nv, lines ? nt : 0, lines ? 0 : nt);
+            field_data(layout.unit, layout.frame, title(), color()), nv, lines ? nt : 0,
+            lines ? 0 : nt);
         data.xml += fmt::format("<PointData{}{}>\n",
                                 layout.find("normal") != nullptr ? " Normals=\"normal\"" : "",
                                 layout.find("value") != nullptr   ? " Scalars=\"value\""
@@ -117,7 +120,7 @@ class VtpFile : public SectionedFile {
         const std::string tail = "\n</AppendedData>\n</VTKFile>\n";
         out.write_at(base + data.end, std::as_bytes(std::span(tail)));
         sections.shift(base);
-        use(std::move(sections));
+        use(std::move(sections), layout);
     }
 
   protected:

@@ -141,10 +141,11 @@ void move_mesh(PartStore& parts, const VertexNumbers& weld, MeshLayout layout, S
     mesh.end();
 }
 
-MeshLayout layout_of(const AttributeChoice& attributes, int corners,
-                     std::optional<LengthUnit> unit) {
+MeshLayout layout_of(const AttributeChoice& attributes, int corners, std::optional<LengthUnit> unit,
+                     AnatomicalFrame frame) {
     MeshLayout layout;
     layout.unit = unit;
+    layout.frame = frame;
     layout.corners = corners;
     for (const AttributeChoice::Array& array : attributes.arrays()) {
         layout.attributes.push_back({array.name, static_cast<int>(array.components), array.wide,

@@ -11,8 +11,8 @@
 namespace isonest::detail {
 
 /// Without counts and box, as MeshSink::prepare() takes it. `corners`: of an element, 3 or 2.
-MeshLayout layout_of(const AttributeChoice& attributes, int corners,
-                     std::optional<LengthUnit> unit);
+MeshLayout layout_of(const AttributeChoice& attributes, int corners, std::optional<LengthUnit> unit,
+                     AnatomicalFrame frame);
 
 /// begin(), all batches as often as the sink asks for them, end(). `layout`: of prepare(). Of lines
 /// ("triangles" whose last two corners are equal) and triangles. Throws what the sink throws, and

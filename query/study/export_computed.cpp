@@ -35,6 +35,7 @@ void export_computed_field(const StoreReader& store, const std::filesystem::path
     spec.origin = header.origin;
     spec.direction = header.direction;
     spec.unit = header.unit;
+    spec.frame = header.frame;
     spec.force = options.force;
     const auto file = create_volume_file(path, spec);
     WholeLattice whole(layout);

@@ -41,6 +41,7 @@ inline StoreHeader header_of(const VolumeDescription& volume) {
     header.direction = volume.direction;
     header.labels = volume.labels;
     header.unit = volume.unit;
+    header.frame = volume.frame;
     return header;
 }
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <isonest/field.h>
+#include <isonest/frame.h>
 #include <isonest/int3.h>
 #include <isonest/length_unit.h>
 #include <isonest/value_type.h>
@@ -19,7 +20,7 @@
 namespace isonest::detail {
 
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 9;
+inline constexpr std::uint32_t kFormatMinor = 10;
 /// Of the format in which a store is written.
 struct FormatVersion {
     std::uint64_t major = kFormatMajor;
@@ -45,9 +46,10 @@ struct StoreHeader {
     ValueType type = ValueType::f32;
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
-    Directions direction = kAlongWorld;   ///< since version 2.5
-    bool labels = false;                  ///< since version 2.6
-    std::optional<LengthUnit> unit = {};  ///< of length; since version 2.7
+    Directions direction = kAlongWorld;                ///< since version 2.5
+    bool labels = false;                               ///< since version 2.6
+    std::optional<LengthUnit> unit = {};               ///< of length; since version 2.7
+    AnatomicalFrame frame = AnatomicalFrame::unknown;  ///< of the world; since version 2.10
     bool label_names = false;  ///< there is a table of names of labels; since version 2.8
     int chunk = 64;            ///< nodes per axis of a chunk of values: a power of two in 8..256
     int compression = 1;

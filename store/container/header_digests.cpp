@@ -21,9 +21,9 @@ std::uint64_t direction_digest(const Directions& direction) {
     return sum.value();
 }
 
-std::uint64_t unit_digest(std::string_view symbol) {
+std::uint64_t text_digest(std::string_view text) {
     Checksum sum;
-    sum.add(std::as_bytes(std::span(symbol.data(), symbol.size())));
+    sum.add(std::as_bytes(std::span(text.data(), text.size())));
     return sum.value();
 }
 

@@ -21,7 +21,7 @@ std::vector<double> flat_directions(const Directions& direction);
 /// XXH64 of the nine numbers, as the attribute `direction` has them.
 std::uint64_t direction_digest(const Directions& direction);
 
-/// XXH64 of the attribute `unit` as it is stored.
-std::uint64_t unit_digest(std::string_view symbol);
+/// XXH64 of an attribute of text (`unit`, `frame`) as it is stored.
+std::uint64_t text_digest(std::string_view text);
 
 }  // namespace isonest::detail

@@ -185,6 +185,9 @@ class Reader {
         if (out_.version >= FormatVersion{2, 7}) {
             read_unit();
         }
+        if (out_.version >= FormatVersion{2, 10}) {
+            read_frame();
+        }
         header.label_names = out_.version >= FormatVersion{2, 8} && root_.has_label_names();
         header.type = *known_type;
         if (header.labels && header.type != ValueType::f64) {
@@ -222,13 +225,28 @@ class Reader {
         const auto found = std::find_if(units.begin(), units.end(), [&](const LengthUnitInfo& u) {
             return symbol && u.symbol == *symbol;
         });
-        if (!symbol || !digest || unit_digest(*symbol) != (*digest)[0] ||
+        if (!symbol || !digest || text_digest(*symbol) != (*digest)[0] ||
             (found == units.end() && out_.version <= kNewest)) {
             damaged("damaged: its unit of length is not the one that was written");
         }
         if (found != units.end()) {
             out_.header.unit = found->unit;
         }
+    }
+
+    /// Newer versions may know more of them, too.
+    void read_frame() {
+        const auto name = root_.text("frame");
+        const auto digest = root_.integers("frame_xxh64", 1);
+        if (!name && !digest) {
+            return;
+        }
+        const auto frame = name ? frame_from(*name) : std::nullopt;
+        if (!name || !digest || text_digest(*name) != (*digest)[0] ||
+            (!frame && out_.version <= kNewest)) {
+            damaged("damaged: its anatomical frame is not the one that was written");
+        }
+        out_.header.frame = frame.value_or(AnatomicalFrame::unknown);
     }
 
     /// Names that a newer minor version has added follow all older ones: the rows of the chunk

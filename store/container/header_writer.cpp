@@ -53,7 +53,12 @@ void write_header(hid_t root, const StoreHeader& header) {
     if (header.unit) {
         const std::string symbol(symbol_of(*header.unit));
         write_attribute(root, "unit", symbol);
-        write_attribute(root, "unit_xxh64", unit_digest(symbol));
+        write_attribute(root, "unit_xxh64", text_digest(symbol));
+    }
+    if (header.frame != AnatomicalFrame::unknown) {
+        const std::string name(name_of(header.frame));
+        write_attribute(root, "frame", name);
+        write_attribute(root, "frame_xxh64", text_digest(name));
     }
 }
 

@@ -44,6 +44,9 @@ Double3 Store::origin() const {
 std::optional<LengthUnit> Store::unit() const {
     return reader_->layout().header().unit;
 }
+AnatomicalFrame Store::frame() const {
+    return reader_->layout().header().frame;
+}
 double Store::world_units(double length, LengthUnit given) const {
     return detail::world_units(length, given, unit(), path().string());
 }

@@ -34,6 +34,9 @@ PolyDataOffsets create_polydata(const std::filesystem::path& path, const PolyDat
     if (!shape.unit.empty()) {
         write_attribute(root.get(), "unit", shape.unit);
     }
+    if (!shape.space.empty()) {
+        write_attribute(root.get(), "SPACE", shape.space);
+    }
     PolyDataOffsets offsets;
     frame.number(root.get(), "NumberOfPoints", shape.points);
     offsets.points = frame.array(root.get(), "Points", H5T_IEEE_F32LE, {shape.points, 3});

@@ -21,6 +21,7 @@ struct PolyDataShape {
     std::vector<Attribute> attributes;  ///< per point
     bool labels_of_triangles = false;   ///< there is an array "BoundaryLabels"
     std::string unit = {};              ///< of length; empty: not known
+    std::string space = {};             ///< "RAS" or "LPS", of the points; empty: not known
 };
 
 /// Where the arrays' bytes begin in the file, row by row.

@@ -48,6 +48,9 @@ class Hdf5File : public VolumeFile {
         if (spec_.unit) {
             write_attribute(data_.get(), "unit", std::string(symbol_of(*spec_.unit)));
         }
+        if (spec_.frame != AnatomicalFrame::unknown) {
+            write_attribute(data_.get(), "frame", std::string(name_of(spec_.frame)));
+        }
     }
     ~Hdf5File() override {
         const QuietHdf5 quiet;

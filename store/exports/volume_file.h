@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 
+#include <isonest/frame.h>
 #include <isonest/int3.h>
 #include <isonest/length_unit.h>
 #include <isonest/value_type.h>
@@ -37,6 +38,10 @@ struct VolumeFileSpec {
     Directions direction = kAlongWorld;
     bool force = false;
     std::optional<LengthUnit> unit = {};  ///< of spacing and origin, written where it fits
+    /// Of origin and direction. NIfTI files are of RAS, MetaImage files of LPS: they get the same
+    /// place in that frame. NRRD and HDF5 say it; the others say no frame, and have the place as it
+    /// is, as all have it where the frame is unknown.
+    AnatomicalFrame frame = AnatomicalFrame::unknown;
 };
 
 /// By the name's ending: .h5 or .hdf5 (dataset /data, [z, y, x], with attributes spacing and origin

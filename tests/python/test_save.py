@@ -157,3 +157,30 @@ def test_values_beyond_float32_are_refused_where_the_format_has_no_more(tmp_path
     with pytest.raises(isonest.LimitError):
         mesh.save(tmp_path / "m.glb")
     assert not (tmp_path / "m.glb").exists()
+
+
+def test_a_mesh_is_saved_in_the_space_that_is_asked_for(tmp_path, noise):
+    """Without a word in RAS where the axes are known. The program's bytes, and x and y negated from LPS to RAS."""
+    isonest.preprocess(noise, tmp_path / "s", spacing=(2, 1, 0.5), origin=(30, 20, -10), frame="lps")
+    store = isonest.open(tmp_path / "s")
+    mesh = store.isosurface(0.3)
+    stored = mesh.in_world().vertices
+    for form in FORMATS:
+        for space in (None, "ras", "lps", "as-stored"):
+            given = [] if space is None else ["--space", space]
+            run("extract", tmp_path / "s", "--iso", "0.3", "--normals", *given, "-o", tmp_path / f"theirs.{form}")
+            mesh.save(tmp_path / f"ours.{form}", space=space)
+            assert (tmp_path / f"ours.{form}").read_bytes() == (tmp_path / f"theirs.{form}").read_bytes(), (form, space)
+    mesh.save(tmp_path / "ras.ngmesh", space="ras")
+    positions = np.fromfile(tmp_path / "ras.ngmesh", "<f4", 3 * len(stored), offset=4).reshape(-1, 3)
+    np.testing.assert_array_equal(positions, stored * np.float32([-1, -1, 1]))
+    np.testing.assert_array_equal(mesh.in_world().vertices, stored)  # those in memory stay
+    with pytest.raises(ValueError, match="give 'ras', 'lps' or 'as-stored'"):
+        mesh.save(tmp_path / "no.ply", space="lsa")
+    isonest.preprocess(noise, tmp_path / "bare")
+    with pytest.raises(isonest.InvalidArgumentError, match="nothing says what the volume's axes are"):
+        isonest.open(tmp_path / "bare").isosurface(0.3).save(tmp_path / "no.ply", space="ras")
+    assert not (tmp_path / "no.ply").exists()
+    # Straight from an array, too.
+    isonest.isosurface(noise, 0.3, frame="lps", spacing=(2, 1, 0.5)).save(tmp_path / "array.ply")
+    assert b"comment SPACE=RAS\n" in (tmp_path / "array.ply").read_bytes()[:300]

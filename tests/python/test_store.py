@@ -99,6 +99,21 @@ def test_a_unit_is_kept_and_distances_are_converted_to_it(store, noise, tmp_path
     assert not (tmp_path / "none").exists()
 
 
+def test_the_axes_of_a_patient_are_kept(store, noise, tmp_path):
+    assert store.frame is None
+    np.save(tmp_path / "v.npy", noise)
+    for word, frame in (("ras", "RAS"), ("lps", "LPS"), ("LPS", "LPS")):
+        isonest.preprocess(noise, tmp_path / "array", frame=word, replace=True)
+        isonest.preprocess(tmp_path / "v.npy", tmp_path / "file", frame=word, replace=True)
+        isonest.preprocess(np.ma.masked_invalid(noise), tmp_path / "masked", frame=word, replace=True)
+        assert (tmp_path / "array").read_bytes() == (tmp_path / "file").read_bytes()
+        assert isonest.open(tmp_path / "array").frame == isonest.open(tmp_path / "masked").frame == frame
+    for volume in (noise, tmp_path / "v.npy"):
+        with pytest.raises(ValueError, match="give 'RAS' or 'LPS'"):
+            isonest.preprocess(volume, tmp_path / "none", frame="axial")
+    assert not (tmp_path / "none").exists()
+
+
 def test_a_store_can_be_closed_and_sent_elsewhere(store):
     other = pickle.loads(pickle.dumps(store))
     with store:

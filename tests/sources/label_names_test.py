@@ -43,10 +43,10 @@ def names_of(store):
     """As FORMAT.md says: {id: (name, colour)}."""
     with h5py.File(store) as f:
         if "label_names" not in f:
-            assert list(f.attrs["version"]) == [2, 9]
+            assert list(f.attrs["version"]) == [2, 10]
             return {}
         table = f["label_names"]
-        assert list(f.attrs["version"]) == [2, 9] and table.chunks is None and table.ndim == 1
+        assert list(f.attrs["version"]) == [2, 10] and table.chunks is None and table.ndim == 1
         rows = table[...]
         assert rows.dtype.names == ("id", "flags", "color", "name")
         width = rows.dtype["name"].itemsize

@@ -54,7 +54,7 @@ TEST_CASE("a store opens by its footer alone, and far away by one read") {
     const std::string bytes = store_of_pages(folder);
     const StoreReader local(folder / "s");
     REQUIRE(local.catalogue() != nullptr);
-    CHECK(local.version().text() == "2.9");
+    CHECK(local.version().text() == "2.10");
     const auto far_bytes = std::make_shared<const FarBytes>(bytes);
     const StoreReader far(far_bytes);
     CHECK(far.is_far());

@@ -4,7 +4,7 @@
 usage: golden_test.py ISONEST PLUGIN_FOLDER [--record]
 
 tests/store/golden/expected.json says what is expected of each store. Of a good one: its volume, its version, the
-SHA-256 of its surface in full and within an error, and if it has them, the unit of length and the names of labels; of a
+SHA-256 of its surface in full and within an error, and if it has them, the unit of length, the frame and the names of labels; of a
 bad one: the command that refuses it, the kind of the
 error, words of its message and the first remedy. --record adds the good ones that are not in it. See
 CONTRIBUTING.md, "Golden stores".
@@ -24,7 +24,7 @@ RECORD = "--record" in sys.argv
 HERE = pathlib.Path(__file__).resolve().parent / "golden"
 EXPECTED = json.loads((HERE / "expected.json").read_text())
 STORES = sorted(path.name for path in HERE.glob("*.store"))
-MOST_BYTES = 600_000
+MOST_BYTES = 640_000
 # Isovalue, errors, and a format that has lines if the data lie in a plane.
 QUERIES = {"volume.raw": (100, (0, 12), "ply"), "flat.raw": (20, (0, 6), "obj"), "tiny.raw": (13.5, (0, 1), "ply")}
 NUMBERS = {"volume.raw": ("9,8,7", "int16"), "flat.raw": ("9,8,1", "float32"), "tiny.raw": ("3,3,3", "uint8")}
@@ -70,6 +70,7 @@ class Golden(unittest.TestCase):
                 unknown = expected.get("unknown_fields", [])
                 self.assertEqual(info["unknown_fields"], unknown)
                 self.assertEqual(info["unit"], expected.get("unit"))  # not known before 2.7
+                self.assertEqual(info["frame"], expected.get("frame"))  # not known before 2.10
                 self.assertEqual(info["label_names"], expected.get("label_names", []))  # none before 2.8
                 for field in unknown:
                     self.assertIn(field, info["warning"])
@@ -91,8 +92,8 @@ class Golden(unittest.TestCase):
     def test_the_full_surface_is_the_same_whatever_version_stored_the_volume(self):
         full = {}
         for name, expected in self.good().items():
-            # A mesh file says its unit; turned axes have other places.
-            key = expected["volume"], expected.get("unit"), "-turned" in name
+            # A mesh file says its unit and its frame; turned axes have other places.
+            key = expected["volume"], expected.get("unit"), expected.get("frame"), "-turned" in name
             full.setdefault(key, set()).add(expected["meshes"][0])
         for key, hashes in full.items():
             self.assertEqual(len(hashes), 1, key)
@@ -129,6 +130,8 @@ def record():
             EXPECTED[name] = {"format": info["format"], "volume": volume, "meshes": meshes(name, volume, folder)}
             if info["unit"]:
                 EXPECTED[name]["unit"] = info["unit"]
+            if info["frame"]:
+                EXPECTED[name]["frame"] = info["frame"]
             if info["label_names"]:
                 EXPECTED[name]["label_names"] = info["label_names"]
     lines = [f"  {json.dumps(name)}: {json.dumps(EXPECTED[name])}" for name in sorted(EXPECTED)]

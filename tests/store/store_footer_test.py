@@ -196,7 +196,7 @@ with tempfile.TemporaryDirectory() as folder:
     holes[3, 4, 5:9] = np.nan
     pathlib.Path(f"{folder}/names.txt").write_text('3 Übergang 255 0 10 255\n4 b\n')
     volumes = {
-        "floats": (rng.random((37, 30, 45)).astype("<f4"), ["--chunk", "16", "--unit", "mm", "--spacing", "1,2,0.5"]),
+        "floats": (rng.random((37, 30, 45)).astype("<f4"), ["--chunk", "16", "--unit", "mm", "--frame", "lps", "--spacing", "1,2,0.5"]),
         "labels": (labels, ["--chunk", "8", "--labels", "--label-names", f"{folder}/names.txt"]),
         "many": (rng.integers(-900, 900, (70, 66, 61)).astype("<i2"), ["--chunk", "8", "--indicators", "linf_bar"]),
         "holes": (holes, ["--chunk", "8", "--exact", "--indicators", "linf_plus,deviation_plus,hex_linf,normal_bar"]),

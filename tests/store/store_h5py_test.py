@@ -66,7 +66,7 @@ with tempfile.TemporaryDirectory() as folder:
         original = f["data"][...]
     with h5py.File(store) as f:
         assert f.attrs["format"] in (b"isonest", "isonest"), f.attrs["format"]
-        assert list(f.attrs["version"]) == [2, 9] and f.attrs["flags"] == 0
+        assert list(f.attrs["version"]) == [2, 10] and f.attrs["flags"] == 0
         assert f.attrs["complete"] == 1
         n = tuple(int(i) for i in f.attrs["nodes"])[::-1]
         assert n == original.shape
@@ -208,13 +208,62 @@ with tempfile.TemporaryDirectory() as folder:
             assert f.attrs["xxh64"] == digest_of(f)
             return list(f.attrs["version"]), stored.decode()
 
-    assert unit_of(store) == ([2, 9], None)
+    assert unit_of(store) == ([2, 10], None)
     for symbol in "km m dm cm mm um nm angstrom pm ft in".split():
         with_unit = f"{folder}/unit.isonest"
         run("preprocess", volume, "-o", with_unit, "--chunk", 16, "--spacing", "1,2,0.5", "--unit", symbol, "--force")
-        assert unit_of(with_unit) == ([2, 9], symbol), unit_of(with_unit)
+        assert unit_of(with_unit) == ([2, 10], symbol), unit_of(with_unit)
         assert run("info", with_unit)["unit"] == symbol
     print("h5py: the unit of length is the one that was said")
+
+    # The patient's axes, with a checksum of their own; what is not written there is found.
+    def frame_of(framed):
+        with h5py.File(framed) as f:
+            if "frame" not in f.attrs:
+                assert "frame_xxh64" not in f.attrs
+                return None
+            stored = np.asarray(f.attrs["frame"]).tobytes()
+            assert stored in (b"RAS", b"LPS") and f.attrs["frame_xxh64"] == xxhash.XXH64(stored, len(stored), 0)
+            assert f.attrs["xxh64"] == digest_of(f) and list(f.attrs["version"]) == [2, 10]
+            return stored.decode()
+
+    framed = f"{folder}/framed.isonest"
+    assert frame_of(store) is None and run("info", store)["frame"] is None
+    for word, frame in (("ras", "RAS"), ("LPS", "LPS")):
+        run("preprocess", volume, "-o", framed, "--chunk", 16, "--frame", word, "--force")
+        assert frame_of(framed) == frame == run("info", framed)["frame"]
+
+    def refused(change, code=4, minor=None):
+        copy = f"{folder}/reframed.isonest"
+        shutil.copyfile(framed, copy)
+        with h5py.File(copy, "r+") as f:
+            if minor is not None:
+                f.attrs.modify("version", np.array([2, minor], "<u4"))
+            change(f)
+            f.attrs.modify("xxh64", np.uint64(digest_of(f)))
+        done = served.run([isonest, "info", copy, "--json"], capture_output=True, text=True)
+        assert done.returncode == code, (done.returncode, done.stdout)
+        return json.loads(done.stdout)
+
+    def say(name, digest=True):
+        def change(f):
+            f.attrs.create("frame", np.bytes_(name))
+            if digest:
+                f.attrs.modify("frame_xxh64", np.uint64(xxhash.XXH64(name.encode(), len(name), 0)))
+        return change
+
+    for change in (say("LIA"), say("RAS", False), lambda f: f.attrs.__delitem__("frame_xxh64"),
+                   lambda f: f.attrs.__delitem__("frame")):
+        assert "anatomical frame" in refused(change)["error"]["message"]
+    assert refused(say("LIA"), 0, 99)["frame"] is None  # a later version's
+    assert refused(say("LIA"), 0, 9)["frame"] is None  # of 2.9 and before it is any attribute
+    assert refused(say("RAS"), 0, 99)["frame"] == "RAS"
+    # The bits that are reserved are refused, in this version and in a later one.
+    for bit in range(2, 7):
+        for minor in (10, 99):
+            error = refused(lambda f: f.attrs.modify("flags", np.uint32(1 << bit)), 5, minor)["error"]
+            assert error["kind"] == "unsupported" and "flags" in error["message"], error
+    print("h5py: the patient's axes are those that were said, and reserved bits are refused")
 
     # Names and colours of labels, with a checksum of their own.
     np.save(f"{folder}/labels.npy", np.arange(360, dtype="u1").reshape(6, 6, 10) % 4)
@@ -222,7 +271,7 @@ with tempfile.TemporaryDirectory() as folder:
     named = f"{folder}/named.isonest"
     run("preprocess", f"{folder}/labels.npy", "-o", named, "--labels", "--label-names", f"{folder}/labels.txt")
     with h5py.File(named) as f:
-        assert list(f.attrs["version"]) == [2, 9] and f.attrs["xxh64"] == digest_of(f)
+        assert list(f.attrs["version"]) == [2, 10] and f.attrs["xxh64"] == digest_of(f)
         table = f["label_names"]
         rows = table[...]
         assert table.chunks is None and rows.dtype.itemsize == 12 + 9 and rows.dtype.names == ("id", "flags", "color", "name")
@@ -290,7 +339,7 @@ with tempfile.TemporaryDirectory() as folder:
         f.attrs.modify("version", np.array([2, 1], "<u4"))
         for level in range(3, top + 1):
             del f[f"levels/{level}/cube_ranges"], f[f"levels/{level}/cube_range_sums"]
-    assert run("info", older)["format"] == "2.1" and run("info", store)["format"] == "2.9"
+    assert run("info", older)["format"] == "2.1" and run("info", store)["format"] == "2.10"
     iso = float(np.quantile(original, 0.999))
     reports = [run("extract", s, "--iso", iso, "--error-relative", 0.05, "-o", f"{s}.ply")
                for s in (store, older)]

@@ -529,10 +529,11 @@ for (const kind of ["<i8", "<u2"]) test(`a switch shows the smooth surface of a 
   const volume = join(folder.path, "smooth.npy");
   const labels = join(folder.path, "smooth.isonest");
   await writeFile(volume, labelVolume(kind));
-  await run(program, "preprocess", volume, "--labels", "--unit", "um", "-o", labels, "--force");
+  await run(program, "preprocess", volume, "--labels", "--unit", "um", "--frame", "lps", "-o", labels, "--force");
   const its = await startServer(program, labels, "--port", "0");
   const { page, faults, close } = await openPage(browser, `${its.url}#iso=7&target=full`);
   await idle(page);
+  assert.deepEqual(await page.$$eval(".axis-name", (names) => names.map((name) => name.textContent)), ["x L", "y P", "z S"]);
   const plain = await canvas(page);
   const steps = await header(page);
   assert.equal(steps.smooth_bound, null);

@@ -282,7 +282,7 @@ class Answers(unittest.TestCase):
         _, said = self.view.json("/api/store")
         info = json.loads(isonest("info", "s.isonest", "--histogram", "--json").stdout)
         for name in ("nodes", "type", "spacing", "origin", "min_value", "max_value", "has_missing", "levels",
-                     "file_bytes", "unit"):
+                     "file_bytes", "unit", "frame"):
             self.assertEqual(said[name], info[name])
         self.assertEqual(said["box"], [0, 0, 0, 32, 32, 32])
         _, histogram = self.view.json("/api/histogram")

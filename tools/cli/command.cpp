@@ -25,6 +25,10 @@ Json unit_json(std::optional<LengthUnit> unit) {
     return unit ? Json(symbol_of(*unit)) : Json();
 }
 
+Json frame_json(AnatomicalFrame frame) {
+    return frame == AnatomicalFrame::unknown ? Json() : Json(name_of(frame));
+}
+
 CLI::App* add_command(CLI::App& app, Invocation& chosen, const std::string& name,
                       const Description& description) {
     CLI::App* const command =

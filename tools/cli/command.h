@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include <isonest/frame.h>
 #include <isonest/length_unit.h>
 #include <isonest/progress.h>
 
@@ -25,6 +26,8 @@ namespace isonest::detail::cli {
 
 /// "mm", or null where it is not known.
 Json unit_json(std::optional<LengthUnit> unit);
+/// "RAS" or "LPS"; null where it is not known.
+Json frame_json(AnatomicalFrame frame);
 
 /// What a command has to say: `text` for people, `json` for programs.
 struct Result {

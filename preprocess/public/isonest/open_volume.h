@@ -47,7 +47,9 @@ struct SourceOptions {
     std::optional<Double3> origin;        ///< overrides the file's (before the crop)
     std::optional<LengthUnit> unit;       ///< of spacing and origin, overrides the file's: numbers
                                           ///< stay as they are
-    std::optional<double> missing;        ///< this value stands for missing data
+    std::optional<AnatomicalFrame> frame;  ///< of the world's axes, overrides the file's: numbers
+                                           ///< stay as they are
+    std::optional<double> missing;         ///< this value stands for missing data
     /// Integers of 64 bits are labels, the names of things: kept as they are, not as the float64
     /// that is nearest (from 0 to 2^62 - 1). Of smaller integers it changes no number. Names and
     /// colours that the input has for its labels are read (VolumeSource::label_names()); what of

@@ -99,8 +99,8 @@ class Hdf5Source : public VolumeSource {
 
     [[nodiscard]] VolumeDescription describe() const override {
         const Placement& in_world = place_.in_world;
-        return {nodes_,  type_,      in_world.spacing, in_world.origin, name_, in_world.direction,
-                labels_, place_.unit};
+        return {nodes_,  type_,       in_world.spacing, in_world.origin, name_, in_world.direction,
+                labels_, place_.unit, place_.frame};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
     [[nodiscard]] std::string identity() const override {

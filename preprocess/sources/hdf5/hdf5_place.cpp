@@ -109,6 +109,10 @@ Hdf5Place hdf5_place(const NamedDataset& of, const DatasetShape& shape,
     if (const auto unit = length_unit_from(text_of_attribute(of.dataset, "unit"))) {
         place.unit = unit;
     }
+    // Spacings of the user's go with axes along the world's, as open_volume() has it.
+    if (const auto frame = frame_from(text_of_attribute(of.dataset, "frame"))) {
+        place.frame = *frame;
+    }
     return place;
 }
 

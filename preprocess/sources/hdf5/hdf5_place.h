@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include <isonest/frame.h>
 #include <isonest/length_unit.h>
 
 #include "preprocess/sources/hdf5/hdf5_axes.h"
@@ -18,6 +19,7 @@ namespace isonest::detail {
 struct Hdf5Place {
     Placement in_world = {};
     std::optional<LengthUnit> unit = {};
+    AnatomicalFrame frame = AnatomicalFrame::unknown;
     std::vector<std::string> notes = {};  ///< of coordinates and units that are not taken
 };
 
@@ -30,8 +32,8 @@ struct NamedDataset {
 
 /// `axes`: of the dataset, as hdf5_axes() gives them. What is said later counts more: even
 /// coordinates of the axes, `element_size_um`, an image of VTK's, and the attributes `spacing`,
-/// `origin`, `direction`, `unit`. `straight`: spacing and directions are given by the user.
-/// Throws as place_in_world() does.
+/// `origin`, `direction`, `unit`, `frame` (RAS or LPS). `straight`: spacing and directions are
+/// given by the user. Throws as place_in_world() does.
 Hdf5Place hdf5_place(const NamedDataset& of, const DatasetShape& shape,
                      const std::vector<Hdf5Axis>& axes, bool straight);
 

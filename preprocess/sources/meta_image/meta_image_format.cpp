@@ -194,6 +194,16 @@ void set_axes(const Header& header, PlacedArray& array) {
     }
 }
 
+/// ITK, and so 3D Slicer and ITK-SNAP, take the world of every volume for LPS, whether the header
+/// has an AnatomicalOrientation or not: that is derived from the TransformMatrix, which alone they
+/// read. Files that are of no patient, as VTK's writer makes them, say "???" there.
+AnatomicalFrame frame_of(const Header& header) {
+    return header.integer("NDims", 0) >= 3 &&
+                   header.text({"AnatomicalOrientation"}).find('?') == std::string::npos
+               ? AnatomicalFrame::lps
+               : AnatomicalFrame::unknown;
+}
+
 /// VTK and ITK leave the numbers as they are, too.
 std::vector<std::string> notes_of(const Header& header) {
     const std::string slope = header.text({"ElementToIntensityFunctionSlope"});
@@ -317,10 +327,12 @@ std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
     array.name = input.name();
     set_type(header, array);
     set_axes(header, array);
+    RawLayout& layout = array.layout;
+    layout.frame = frame_of(header);
     if (options.spacing) {
         array.steps.clear();
+        layout.frame = AnatomicalFrame::unknown;  // its axes went with the matrix
     }
-    RawLayout& layout = array.layout;
     layout.big_endian = header.flag({"BinaryDataByteOrderMSB", "ElementByteOrderMSB"});
     layout.exact_length = false;
     // MetaIO writes ?, um, mm or cm; ITK's files have no such line, whatever ITK takes them for.

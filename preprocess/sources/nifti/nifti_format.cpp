@@ -317,8 +317,11 @@ std::unique_ptr<VolumeSource> open_nifti(const VolumeInput& input, const SourceO
     array.layout.unit = h.unit;
     array.layout.exact_length = false;
     set_type(h.datatype, name, array);
+    // With another spacing the header's place goes, and its axes with it.
     if (!options.spacing) {
         set_place(h, array);
+        array.layout.frame =
+            h.sform > 0 || h.qform > 0 ? AnatomicalFrame::ras : AnatomicalFrame::unknown;
     }
     auto source = open_placed(array, options.index);
     if (h.slope != 0 && std::isfinite(h.slope)) {

@@ -139,7 +139,9 @@ std::unique_ptr<VolumeSource> open_nrrd(const VolumeInput& input, const SourceOp
     const std::string name = input.name();
     NrrdHeader header =
         parse_nrrd_header(read_nrrd_header(input.file), name, options.spacing, options.index);
-    if (header.oblique && !options.spacing) {
+    if (header.oblique && options.spacing) {
+        header.layout.frame = AnatomicalFrame::unknown;  // its axes go with the directions
+    } else if (header.oblique) {
         place_oblique(header, name);
     }
     if (header.no_space != std::array<bool, 3>{}) {

@@ -48,7 +48,7 @@ class Parser {
         header.stored = found->stored;
     }
 
-    void read_axes(NrrdHeader& header) const {
+    void read_axes(NrrdHeader& header) {
         const std::vector<std::int64_t> dimension = fields_.integers("dimension");
         const std::vector<std::int64_t> sizes = fields_.integers("sizes");
         if (dimension.size() != 1 || sizes.empty() ||
@@ -204,13 +204,16 @@ class Parser {
 
     /// `axes`: which of the file's axes are the volume's. `at`: the position on each of the file's.
     void read_geometry(NrrdHeader& header, const std::vector<std::size_t>& axes,
-                       const std::vector<std::int64_t>& at) const {
+                       const std::vector<std::int64_t>& at) {
         const std::size_t count = at.size();
         RawLayout& layout = header.layout;
         const CommonUnit unit = read_unit(header, axes, count);
         constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
         Double3 steps{kUnknown, kUnknown, kUnknown};
         const bool directed = fields_.find("space directions") != nullptr;
+        if (directed) {
+            layout.frame = read_space();
+        }
         const auto spacing = per_axis("spacings", count);
         for (std::size_t a = 0; a < axes.size() && !spacing.empty(); ++a) {
             steps.at(a) = unit.converted(a, spacing[axes[a]]);
@@ -284,6 +287,23 @@ class Parser {
         }
     }
 
+    /// Of the spaces that teem has, with and without time, three say which way a patient lies. LAS
+    /// is read as RAS, with x the other way round. Axes of a volume have a direction in a space
+    /// only by 'space directions'.
+    [[nodiscard]] AnatomicalFrame read_space() {
+        const std::string* const field = fields_.find("space");
+        std::string space = field == nullptr ? "" : lower(*field);
+        std::erase_if(space, [](char c) { return c == '-' || c == ' '; });
+        const auto is = [&space](const std::string& words, const std::string& letters) {
+            return space == words || space == words + "time" || space == letters ||
+                   space == letters + "t";
+        };
+        mirrored_ = is("leftanteriorsuperior", "las");
+        return mirrored_ || is("rightanteriorsuperior", "ras") ? AnatomicalFrame::ras
+               : is("leftposteriorsuperior", "lps")            ? AnatomicalFrame::lps
+                                                               : AnatomicalFrame::unknown;
+    }
+
     /// Vectors in the world, whose axes have units.
     [[nodiscard]] std::vector<std::vector<double>> converted_vectors(const char* field,
                                                                      const CommonUnit& unit) const {
@@ -291,6 +311,9 @@ class Parser {
         for (std::vector<double>& v : vectors) {
             for (std::size_t w = 0; w < std::min<std::size_t>(v.size(), 3); ++w) {
                 v[w] = unit.converted(w, v[w]);
+            }
+            if (mirrored_ && !v.empty()) {
+                v[0] = 0 - v[0];
             }
         }
         return vectors;
@@ -472,6 +495,7 @@ class Parser {
     std::string name_;
     std::optional<Double3> spacing_;
     std::span<const AxisIndex> index_;
+    bool mirrored_ = false;  ///< the world's x is taken the other way round
 };
 
 }  // namespace

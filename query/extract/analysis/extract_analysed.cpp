@@ -166,7 +166,8 @@ class AnalysedExtraction {
         FromStep from;
         from.mesh = std::make_unique<ScratchMesh>(scratch_);
         load_step(analysis_, step,
-                  layout_of(query_.traversal.attributes, 3, store_.layout().header().unit),
+                  layout_of(query_.traversal.attributes, 3, store_.layout().header().unit,
+                            store_.layout().header().frame),
                   *from.mesh);
         from.bound = analysis_.steps()[step].bound;
         const double rest = limit - from.bound;
@@ -268,9 +269,9 @@ std::optional<ExtractReport> extract_analysed(const StoreReader& store, const Ex
     if (asked.values != nullptr) {
         inputs.push_back(asked.values->path());
     }
-    sink.prepare(
-        layout_of(asked.traversal.attributes, asked.corners(), store.layout().header().unit),
-        inputs);
+    sink.prepare(layout_of(asked.traversal.attributes, asked.corners(),
+                           store.layout().header().unit, store.layout().header().frame),
+                 inputs);
     if (use != AnalysisUse::found) {
         require_place(found.path, store);
         found.file.reset();

@@ -77,6 +77,7 @@ LabelNet::LabelNet(const StoreReader& store, std::span<const Label> labels, cons
     const StoreHeader& header = store.layout().header();
     const bool sides = use.interfaces || use.details || is_simplified_;
     layout_.unit = header.unit;
+    layout_.frame = header.frame;
     Int3 lo = header.nodes;
     Int3 hi{};
     for (const Label& label : labels) {

@@ -177,6 +177,7 @@ ExtractReport label_interfaces(const StoreReader& store, std::span<const Label> 
     MeshLayout layout;
     layout.has_sides = true;
     layout.unit = store.layout().header().unit;
+    layout.frame = store.layout().header().frame;
     const std::filesystem::path& input = store.path();
     sink.prepare(layout, std::span(&input, 1));
     const std::vector<Label> sorted = in_places(labels, places_by_id(labels));

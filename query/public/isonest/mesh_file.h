@@ -1,6 +1,7 @@
 // Meshes as files.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -11,6 +12,18 @@
 
 namespace isonest {
 
+/// In which frame a mesh file has its positions and normals. Meshes in memory always have those of
+/// the store or the volume, and MeshLayout::frame says which those are.
+enum class MeshSpace : std::uint8_t {
+    /// RAS where the frame is known, else as stored. 3D Slicer reads files that say so as RAS, and
+    /// takes others for LPS; niivue and FreeSurfer take all files for RAS. (.ngmesh: as stored, as
+    /// Neuroglancer shows the volume beside it by its own numbers.)
+    automatic,
+    as_stored,
+    ras,  ///< the sink's prepare() throws Error{invalid_argument} where the frame is unknown
+    lps   ///< likewise
+};
+
 struct MeshFileOptions {
     /// Replace a regular file of that name, unless the mesh is made from it. Folders, links and
     /// devices are never replaced.
@@ -19,6 +32,7 @@ struct MeshFileOptions {
     std::string title = {};
     /// In which colour it is drawn.
     std::optional<LabelColor> color = {};
+    MeshSpace space = MeshSpace::automatic;
 };
 
 /// A sink that writes `path`, in the format that the name's end (in any case) chooses:
@@ -41,13 +55,16 @@ struct MeshFileOptions {
 /// the other formats have none. Coordinates are float32. MeshLayout::unit is written where the
 /// format has a place for it; glTF is in metres and ngmesh in nanometres, 3MF in one of six units,
 /// to which a mesh is scaled. Where it is not known, the numbers stay and 3MF takes them for
-/// millimetres. The file appears under its name when the extraction ends, whole or not at all;
-/// until then it has a temporary name in the same folder, which the sink's destructor removes. One
-/// sink may be used for one extraction after the other; each replaces the file only if the options
-/// allow it. Throws Error{invalid_argument} for another end of the name, and for a title that is no
-/// such text. The sink's prepare() throws Error{invalid_argument} if the file may not be written or
-/// the format has no lines or no labels, and Error{not_found} without the folder; begin() throws
-/// Error{limit} beyond what the format can number, labels too; all throw Error{io}.
+/// millimetres. The frame of the positions, where it is known, is written as 3D Slicer reads it,
+/// SPACE=RAS or SPACE=LPS, in the header's text of .ply, .obj and .stl, and in the field data
+/// "SPACE" of .vtp; as an attribute SPACE of .vtkhdf, in the extras of the node of .glb, and in the
+/// description of .3mf. The file appears under its name when the extraction ends, whole or not at
+/// all; until then it has a temporary name in the same folder, which the sink's destructor removes.
+/// One sink may be used for one extraction after the other; each replaces the file only if the
+/// options allow it. Throws Error{invalid_argument} for another end of the name, and for a title
+/// that is no such text. The sink's prepare() throws Error{invalid_argument} if the file may not be
+/// written or the format has no lines or no labels, and Error{not_found} without the folder;
+/// begin() throws Error{limit} beyond what the format can number, labels too; all throw Error{io}.
 std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
                                          const MeshFileOptions& options = {});
 

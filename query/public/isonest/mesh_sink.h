@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include <isonest/frame.h>
 #include <isonest/length_unit.h>
 
 namespace isonest {
@@ -53,7 +54,8 @@ struct MeshLayout {
     std::array<float, 3> lo{};
     std::array<float, 3> hi{};
     std::optional<LengthUnit> unit = {};  ///< of the coordinates; nothing: it is not known
-    bool has_sides = false;               ///< every element comes with the labels beside it
+    AnatomicalFrame frame = AnatomicalFrame::unknown;  ///< of the coordinates
+    bool has_sides = false;  ///< every element comes with the labels beside it
     /// The smallest and the largest number that elements have beside them.
     std::array<std::int64_t, 2> sides_range{};
 

@@ -15,10 +15,10 @@ namespace isonest::detail {
 namespace {
 
 /// In the order in which they stand in FORMAT.md.
-constexpr std::array<const char*, 19> kAttributes{
+constexpr std::array<const char*, 21> kAttributes{
     "format",    "version",         "flags", "nodes",      "spacing", "origin",      "value_type",
     "chunk",     "compression",     "exact", "fields",     "range",   "has_missing", "xxh64",
-    "direction", "direction_xxh64", "unit",  "unit_xxh64", "complete"};
+    "direction", "direction_xxh64", "unit",  "unit_xxh64", "frame",   "frame_xxh64", "complete"};
 
 std::optional<AttributeKind> kind_of(hid_t type) {
     const std::size_t size = H5Tget_size(type);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string_view>
 
 namespace isonest {
@@ -21,6 +22,21 @@ constexpr std::string_view name_of(AnatomicalFrame frame) {
     return frame == AnatomicalFrame::ras   ? "RAS"
            : frame == AnatomicalFrame::lps ? "LPS"
                                            : "unknown";
+}
+
+/// By one of the names above but "unknown", in capital or small letters.
+constexpr std::optional<AnatomicalFrame> frame_from(std::string_view name) {
+    return name == "RAS" || name == "ras"   ? std::optional(AnatomicalFrame::ras)
+           : name == "LPS" || name == "lps" ? std::optional(AnatomicalFrame::lps)
+                                            : std::nullopt;
+}
+
+/// The sign of x and y when positions in one frame become positions in the other one: -1 where both
+/// are known and differ, else 1. z stays. Turning a whole half circle about z, this leaves what is
+/// right-handed right-handed.
+constexpr int sign_between(AnatomicalFrame from, AnatomicalFrame to) {
+    return from != to && from != AnatomicalFrame::unknown && to != AnatomicalFrame::unknown ? -1
+                                                                                            : 1;
 }
 
 }  // namespace isonest

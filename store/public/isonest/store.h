@@ -10,6 +10,7 @@
 #include <vector>
 
 #include <isonest/field.h>
+#include <isonest/frame.h>
 #include <isonest/int3.h>
 #include <isonest/label_name.h>
 #include <isonest/length_unit.h>
@@ -62,6 +63,8 @@ class Store {
     [[nodiscard]] Directions direction() const;
     /// That a world unit is; nothing where it is not known.
     [[nodiscard]] std::optional<LengthUnit> unit() const;
+    /// What the world's x, y and z are in a patient; unknown where the volume did not say it.
+    [[nodiscard]] AnatomicalFrame frame() const;
     /// How many world units are as long as `length` of `given`. Throws Error{invalid_argument}
     /// where unit() is not known.
     [[nodiscard]] double world_units(double length, LengthUnit given) const;

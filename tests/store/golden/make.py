@@ -22,7 +22,7 @@ ISONEST = sys.argv[1]
 # Name, nodes along x, y, z, type: the numbers are in NAME.raw, x fastest.
 VOLUMES = {"": ("volume.raw", (9, 8, 7), "int16"), "-flat": ("flat.raw", (9, 8, 1), "float32"),
            "-tiny": ("tiny.raw", (3, 3, 3), "uint8"), "-turned": ("turned.nhdr", None, None),
-           "-named": ("tiny.raw", (3, 3, 3), "uint8")}
+           "-named": ("tiny.raw", (3, 3, 3), "uint8"), "-framed": ("tiny.raw", (3, 3, 3), "uint8")}
 # Of the labels of "-named": as FORMAT.md, section 3, has them.
 NAMES = "0 background\n13 Übergang 255 0 10 255\n26 end 1 2 3\n900 nowhere\n"
 # The same numbers as volume.raw, on axes that are not along the world's.
@@ -73,6 +73,10 @@ def make_good(version):
             command += ["--dims", ",".join(map(str, nodes)), "--type", kind, "--spacing", "1,2,0.5"]
         if "--unit" in help_text:  # from 2.7 on
             command += ["--unit", "um"]
+        if suffix == "-framed" and "--frame" not in help_text:  # from 2.10 on
+            continue
+        if suffix == "-framed":
+            command += ["--frame", "lps"]
         if suffix == "-named":
             (HERE / "names.txt").write_text(NAMES)
             command += ["--labels", "--label-names", HERE / "names.txt"]
@@ -188,6 +192,20 @@ def unit_alone(f):
     del f.attrs["unit_xxh64"]
 
 
+def set_frame(f, name):
+    """With its checksum."""
+    f.attrs.create("frame", np.bytes_(name))
+    f.attrs.modify("frame_xxh64", checksum(name.encode()))
+
+
+def frame_unknown(f):
+    set_frame(f, "LIA")
+
+
+def frame_damaged(f):
+    f.attrs.create("frame", np.bytes_("RAS"))
+
+
 def set_names(f, rows):
     """With their checksum."""
     del f["label_names"]
@@ -300,6 +318,7 @@ TAILS = {"footer-cut": hdf5_part,
          "catalogue-later": later_catalogue,
          "catalogue-lacks": lambda data: behind_hdf5(hdf5_part(data), [r for r in records_of(data) if r[0] != 2])}
 
+BAD_FRAMES = {"frame-unknown": frame_unknown, "frame-damaged": frame_damaged}
 BAD_NAMES = {"names-damaged": names_damaged, "names-unordered": names_unordered, "names-no-text": names_no_text}
 
 
@@ -311,6 +330,14 @@ def make_bad(current):
             shutil.copyfile(HERE / f"{current}-named.store", store)
             with h5py.File(store, "r+", libver=("earliest", "v110")) as f:
                 change(f)
+    for name, change in BAD_FRAMES.items():
+        store, framed = HERE / f"{current}-{name}.store", HERE / f"{current}-framed.store"
+        if framed.exists() and not store.exists():
+            shutil.copyfile(framed, store)
+            with h5py.File(store, "r+", libver=("earliest", "v110")) as f:
+                change(f)
+    if tuple(map(int, current.split("."))) > (2, 9):
+        return  # all that follows is as in 2.9
     good = HERE / f"{current}-tiny.store"
     if not good.exists():
         return  # the bad ones of an older version are the same

@@ -55,8 +55,8 @@ ExtractReport run_query(const Store& store, const ExtractCommand& arguments, con
                         Progress& progress) {
     const ExtractArguments& a = arguments.extract;
     const std::unique_ptr<MeshSink> sink = open_mesh_file(
-        a.mesh, arguments.labels.one ? label_file_options(store, *arguments.labels.one)
-                                     : MeshFileOptions{.replace = true});
+        a.mesh, arguments.labels.one ? label_file_options(store, *arguments.labels.one, a.space)
+                                     : a.file_options());
     if (a.is_graph) {
         return extract(store, graph_query(arguments, values), *sink, options_of(a), progress);
     }
@@ -81,7 +81,7 @@ Result run_isovalues(const Store& store, const ExtractCommand& arguments, const 
     Result all;
     all.json = {{"meshes", Json::array()}};
     const auto done = [&](std::size_t i, const ExtractReport& r) {
-        Result result = result_of({&store, nullptr, store.unit(), {}}, each[i], r);
+        Result result = result_of({&store, nullptr, store.unit(), store.frame(), {}}, each[i], r);
         all.json["meshes"].push_back(std::move(result.json));
         all.text += in_one ? fmt::format("isovalue {} in ", isovalues.texts[i]) : "";
         all.text += result.text;
@@ -93,12 +93,15 @@ Result run_isovalues(const Store& store, const ExtractCommand& arguments, const 
     const ExtractOptions options = options_of(arguments.extract);
     if (in_one) {
         require_place_for_isovalue(mesh);
-        const std::unique_ptr<MeshSink> sink = open_mesh_file(mesh, {.replace = true});
+        const std::unique_ptr<MeshSink> sink =
+            open_mesh_file(mesh, arguments.extract.file_options());
         extract_joined(store, isovalues.all, query, *sink, done, options, progress);
     } else {
         extract_isovalues(
             store, isovalues.all, query,
-            [&](std::size_t i) { return open_mesh_file(each[i].extract.mesh, {.replace = true}); },
+            [&](std::size_t i) {
+                return open_mesh_file(each[i].extract.mesh, each[i].extract.file_options());
+            },
             done, options, progress);
     }
     return all;
@@ -169,7 +172,7 @@ Result extract_store(const Store& store, ExtractCommand arguments, const Store* 
     if (has_iso) {
         own.extract.mesh = mesh_name(a.mesh, arguments.isovalues.texts.front());
     }
-    return result_of({&store, nullptr, store.unit(), {}}, own,
+    return result_of({&store, nullptr, store.unit(), store.frame(), {}}, own,
                      run_query(store, own, values, progress));
 }
 
@@ -370,6 +373,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
     add_label_options(c, a->labels,
                       {"--iso", "--error", "--error-relative", "--stop", "--focus", "--camera",
                        "--graph", "--view", "--vertices", "--keep-analysis", "--volume-interval"});
+    add_space_option(c, a->extract);
     c->add_flag("--normals", a->extract.normals, "vertex normals from the data's gradient");
     c->add_option("--vertex-values", a->values,
                   "vertex values from this other store of the same lattice")

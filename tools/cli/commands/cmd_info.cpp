@@ -140,6 +140,7 @@ Result run(InfoArguments& a, Progress& progress) {
                    {"origin", h.origin},
                    {"direction", h.direction},
                    {"unit", unit_json(h.unit)},
+                   {"frame", frame_json(h.frame)},
                    {"min_value", any ? number(store.min_value()) : Json()},
                    {"max_value", any ? number(store.max_value()) : Json()},
                    {"has_missing", store.has_missing()},
@@ -155,7 +156,7 @@ Result run(InfoArguments& a, Progress& progress) {
                    {"arrays", Json::array()}};
     result.text = fmt::format(
         "{}: {} x {} x {} {}, {} levels, {}\n"
-        "spacing {:g} {:g} {:g}, origin {:g} {:g} {:g}, {}{}\n"
+        "spacing {:g} {:g} {:g}, origin {:g} {:g} {:g}, {}, {}{}\n"
         "{}{}\n"
         "indicators {} ({}), chunks of {}^3 nodes, zstd level {}\n"
         "ranges of cubes: {}\n\n"
@@ -165,6 +166,8 @@ Result run(InfoArguments& a, Progress& progress) {
         h.spacing[2], h.origin[0], h.origin[1], h.origin[2],
         h.unit ? fmt::format("unit {} ({})", symbol_of(*h.unit), name_of(*h.unit))
                : std::string("unit not known"),
+        h.frame == AnatomicalFrame::unknown ? std::string("patient axes not known")
+                                            : fmt::format("axes {}", name_of(h.frame)),
         h.direction == kAlongWorld
             ? ""
             : fmt::format("\naxes along ({:.5g}), ({:.5g}), ({:.5g})",

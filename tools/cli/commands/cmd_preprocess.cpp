@@ -64,6 +64,7 @@ Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
                    {"nodes", {r.nodes.x, r.nodes.y, r.nodes.z}},
                    {"type", name_of(type)},
                    {"unit", unit_json(source->describe().unit)},
+                   {"frame", frame_json(source->describe().frame)},
                    {"levels", r.levels},
                    {"min_value", r.min_value},
                    {"max_value", r.max_value},

@@ -82,7 +82,7 @@ ExtractReport run_contours(const Store& store, const SliceArguments& a, Progress
     auto query = a.extract.query<ContourQuery>();
     query.plane = a.plane;
     query.values = a.picture.contours;
-    const auto sink = open_mesh_file(a.extract.mesh, {.replace = true});
+    const auto sink = open_mesh_file(a.extract.mesh, a.extract.file_options());
     return extract(store, query, *sink, options_of(a.extract), progress);
 }
 
@@ -108,6 +108,10 @@ Result run(SliceArguments& a, Progress& progress) {
         throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
                     "--grid is drawn into a picture; give a name that ends with .png");
     }
+    if (picture && a.extract.space != MeshSpace::automatic) {
+        throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
+                    "--space is of the positions in a mesh; this is a picture");
+    }
     ExtractReport r;
     if (picture) {
         a.picture.normal = a.plane.normal;
@@ -118,18 +122,24 @@ Result run(SliceArguments& a, Progress& progress) {
     } else if (lines) {
         r = run_contours(store, a, progress);
     } else {
-        const auto sink = open_mesh_file(a.extract.mesh, {.replace = true});
+        const auto sink = open_mesh_file(a.extract.mesh, a.extract.file_options());
         r = run_slice(store, a, *sink, progress);
     }
     Result result;
     result.warning = extract_warning(a.extract, r);
     result.json = extract_json(a.extract, r);
     result.json["unit"] = unit_json(store.unit());
+    if (!picture) {
+        add_space_json(store.frame(), a.extract, a.extract.mesh, result.json);
+    }
     result.text = fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n",
                               a.extract.mesh, r.triangles, lines ? "lines" : "triangles",
                               r.vertices, human_seconds(r.seconds), guarantee_text(a.extract, r),
                               r.traversal.chunks_read, r.traversal.chunks_total,
                               human_bytes(static_cast<double>(r.traversal.bytes_read)));
+    if (!picture) {
+        result.text += space_line(store.frame(), a.extract, a.extract.mesh);
+    }
     if (r.triangles == 0) {
         result.text += empty_slice(store, a, lines);
     }
@@ -168,6 +178,7 @@ void add_slice(CLI::App& app, Invocation& chosen) {
     add_extract_options(c, a->extract);
     a->extract.is_slice = true;
     add_cells_option(c, a->extract);
+    add_space_option(c, a->extract);
     add_parsed(
         c, "--plane", [a](const std::string& text) { a->plane = parse_plane(text); },
         "the plane x NX + y NY + z NZ = D, in the store's unit", "NX,NY,NZ,D")

@@ -143,8 +143,8 @@ Result run(SmoothArguments& a, Progress& progress) {
     VolumeValues input = open_values(a, progress);
     a.input = shown_location(a.input);
     const VolumeDescription d = input.describe();
-    SmoothedPlace place{Lattice(d.nodes), d.spacing, d.origin,  d.direction, 0,     1,
-                        a.colors,         a.size[0], a.size[1], a.force,     d.unit};
+    SmoothedPlace place{Lattice(d.nodes), d.spacing, d.origin,  d.direction, 0,      1,
+                        a.colors,         a.size[0], a.size[1], a.force,     d.unit, d.frame};
     if (place.lattice.dimension() == 0) {
         throw Error(ErrorKind::unsupported, {a.input}, "there is only one node");
     }

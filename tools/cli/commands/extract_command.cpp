@@ -128,9 +128,9 @@ Result extract_volume_file(ExtractCommand arguments, bool has_iso, Progress& pro
     const VolumeDescription description = volume->describe();
     arguments.distance.resolve(description.unit, description.name);
     const SurfaceQuery query = arguments.surface_query(others ? &*others : nullptr);
-    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, {.replace = true});
+    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, a.file_options());
     const ExtractReport report = isonest::extract(*volume, query, *sink, options, progress);
-    ExtractOrigin origin{nullptr, volume.get(), description.unit, {}};
+    ExtractOrigin origin{nullptr, volume.get(), description.unit, description.frame, {}};
     if (report.triangles == 0) {
         origin.why_empty = empty_volume(*volume, query.iso, options, progress);
     }

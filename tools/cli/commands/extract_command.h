@@ -61,6 +61,7 @@ struct ExtractOrigin {
     const Store* store = nullptr;
     VolumeSource* volume = nullptr;
     std::optional<LengthUnit> unit = {};
+    AnatomicalFrame frame = AnatomicalFrame::unknown;
     std::string why_empty = {};  ///< of a volume whose surface is
 };
 

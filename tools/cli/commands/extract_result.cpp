@@ -81,6 +81,7 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
     result.json = extract_json(a, r);
     add_distance_json(result.json, r);
     result.json["unit"] = unit_json(origin.unit);
+    add_space_json(origin.frame, a, a.mesh, result.json);
     if (origin.volume != nullptr) {
         result.json["without_store"] = true;
         result.json["notes"] = origin.volume->notes();
@@ -112,7 +113,7 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
                                                     : guarantee_text(a, r) + simplified_text(r),
                     origin.volume != nullptr ? "straight from " + origin.volume->describe().name
                                              : read_text(r.traversal));
-    result.text += analysis_text(r) + version_text(a.mesh);
+    result.text += analysis_text(r) + version_text(a.mesh) + space_line(origin.frame, a, a.mesh);
     if (r.measures && r.triangles > 0) {
         result.text += measures_text(origin.unit, *r.measures);
         if (r.distance && r.distance->full) {

@@ -57,6 +57,7 @@ class PlaneMesh {
         layout.attributes = {{"value", 1, false, 0}};
         layout.row_bytes = sizeof(float);
         layout.unit = place_.unit;
+        layout.frame = place_.frame;
         const Int3 last = grid_.nodes() - Int3{1, 1, 1};
         layout.lo = position({0, 0, 0});
         layout.hi = position(last);
@@ -183,7 +184,7 @@ NodeSet all_nodes(const Lattice& lattice) {
 
 VolumeFileSpec spec_of(const SmoothedPlace& place, ValueType type) {
     return {place.lattice.nodes(), type,        place.spacing, place.origin,
-            place.direction,       place.force, place.unit};
+            place.direction,       place.force, place.unit,    place.frame};
 }
 
 }  // namespace

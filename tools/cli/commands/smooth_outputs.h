@@ -28,6 +28,7 @@ struct SmoothedPlace {
     int height = 800;
     bool force = false;
     std::optional<LengthUnit> unit = {};
+    AnatomicalFrame frame = AnatomicalFrame::unknown;
 };
 
 /// "dir/name-30.nrrd" for step 30 of "dir/name.nrrd".

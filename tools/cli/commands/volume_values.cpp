@@ -50,7 +50,7 @@ VolumeDescription VolumeValues::describe() const {
         return source_->describe();
     }
     const StoreHeader& h = store_->reader().layout().header();
-    return {h.nodes, h.type, h.spacing, h.origin, path_, h.direction, false, h.unit};
+    return {h.nodes, h.type, h.spacing, h.origin, path_, h.direction, false, h.unit, h.frame};
 }
 
 std::vector<std::filesystem::path> VolumeValues::files() const {

@@ -6,6 +6,7 @@
 
 #include <isonest/error.h>
 
+#include "query/formats/mesh_files.h"
 #include "store/base/rotation.h"
 #include "store/container/extent.h"
 #include "store/container/reader.h"
@@ -201,6 +202,38 @@ void add_extract_options(CLI::App* c, ExtractArguments& a) {
         "only what is inside this box, numbers in the store's unit", "x0,y0,z0,x1,y1,z1");
     add_memory(c, a.options.memory);
     add_threads(c, a.options.threads);
+}
+
+void add_space_option(CLI::App* c, ExtractArguments& a) {
+    add_parsed(
+        c, "--space",
+        [&a](const std::string& text) {
+            const auto frame = frame_from(text);
+            if (!frame && text != "as-stored") {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--space '{}': give ras, lps or as-stored", text));
+            }
+            a.space = !frame                           ? MeshSpace::as_stored
+                      : *frame == AnatomicalFrame::ras ? MeshSpace::ras
+                                                       : MeshSpace::lps;
+        },
+        "patient axes of the mesh's positions; what other options take and say\n"
+        "is as stored [ras where the volume's axes are known, else as-stored]",
+        "ras|lps|as-stored");
+}
+
+void add_space_json(AnatomicalFrame frame, const ExtractArguments& a, const std::string& mesh,
+                    Json& json) {
+    json["frame"] = frame_json(frame);
+    json["space"] = frame_json(frame_in_file(frame, a.space, mesh));
+}
+
+std::string space_line(AnatomicalFrame frame, const ExtractArguments& a, const std::string& mesh) {
+    const AnatomicalFrame written = frame_in_file(frame, a.space, mesh);
+    return sign_between(frame, written) < 0
+               ? fmt::format("positions are in {}: the volume's, in {}, with x and y negated\n",
+                             name_of(written), name_of(frame))
+               : "";
 }
 
 void add_cells_option(CLI::App* c, ExtractArguments& a) {

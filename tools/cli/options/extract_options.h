@@ -5,6 +5,7 @@
 #include <string>
 
 #include <isonest/extract.h>
+#include <isonest/mesh_file.h>
 
 #include "tools/cli/command.h"
 
@@ -26,7 +27,12 @@ struct ExtractArguments {
     std::string cells_name = {};  ///< as it was given
     bool is_slice = false;        ///< or contour lines
     bool is_graph = false;
+    MeshSpace space = MeshSpace::automatic;  ///< of the mesh's file
 
+    /// How the mesh's file is written.
+    [[nodiscard]] MeshFileOptions file_options() const {
+        return {.replace = true, .title = {}, .color = {}, .space = space};
+    }
     template <class Stop>
     [[nodiscard]] Stop stop_test() const {
         return stop ? Stop(*stop) : Stop(error);
@@ -45,6 +51,14 @@ struct ExtractArguments {
 
 /// The error, the stop test, focus and camera, --box, --memory, --threads.
 void add_extract_options(CLI::App* command, ExtractArguments& a);
+
+/// --space, of what is written as a mesh.
+void add_space_option(CLI::App* command, ExtractArguments& a);
+/// "frame" of the world and "space" of a mesh in a file of this name.
+void add_space_json(AnatomicalFrame frame, const ExtractArguments& a, const std::string& mesh,
+                    Json& json);
+/// A line that says that the mesh's positions are not the stored ones; or empty.
+std::string space_line(AnatomicalFrame frame, const ExtractArguments& a, const std::string& mesh);
 
 /// --cells, of surfaces, slices and graphs.
 void add_cells_option(CLI::App* command, ExtractArguments& a);

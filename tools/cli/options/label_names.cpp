@@ -71,9 +71,9 @@ std::int64_t label_named(const Store& store, const std::string& name) {
                             count < listed.size() ? ", ..." : ""));
 }
 
-MeshFileOptions label_file_options(const Store& store, std::int64_t id) {
+MeshFileOptions label_file_options(const Store& store, std::int64_t id, MeshSpace space) {
     const LabelName label = store.label_name(id).value_or(LabelName{});
-    return {.replace = true, .title = label.name, .color = label.color};
+    return {.replace = true, .title = label.name, .color = label.color, .space = space};
 }
 
 void add_label_name(const Store& store, std::int64_t id, Json& json) {

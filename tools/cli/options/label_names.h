@@ -19,7 +19,7 @@ bool is_label_range(const std::string& text);
 std::int64_t label_named(const Store& store, const std::string& name);
 
 /// A mesh of this label, with its name and colour; an existing file is replaced.
-MeshFileOptions label_file_options(const Store& store, std::int64_t id);
+MeshFileOptions label_file_options(const Store& store, std::int64_t id, MeshSpace space);
 
 /// Adds "name" and "color", as far as they are known.
 void add_label_name(const Store& store, std::int64_t id, Json& json);

@@ -310,6 +310,12 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
         throw Error(ErrorKind::invalid_argument, {a.mesh},
                     "is no folder: the meshes of labels are written into one");
     }
+    if (makes_detail_levels(labels) && a.space != MeshSpace::automatic &&
+        a.space != MeshSpace::as_stored) {
+        throw Error(ErrorKind::invalid_argument, {a.mesh},
+                    "--space: Neuroglancer shows levels of detail in the volume's own coordinates, "
+                    "which are as stored");
+    }
     const std::vector<Label> chosen =
         chosen_of(find_labels(store, {a.options.memory, a.options.threads}, progress),
                   *labels.several, a.store);
@@ -341,7 +347,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
             store, chosen, query,
             [&](const Label& label) {
                 return open_mesh_file(folder / mesh_name(label.id, labels.format),
-                                      label_file_options(store, label.id));
+                                      label_file_options(store, label.id, a.space));
             },
             take, options, progress);
     }
@@ -377,6 +383,12 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
         }
     }
     result.json = {{"folder", a.mesh}, {"unit", unit_json(store.unit())}};
+    const std::string like = mesh_name(0, labels.format);
+    if (makes_detail_levels(labels)) {
+        result.json["frame"] = result.json["space"] = frame_json(store.frame());
+    } else {
+        add_space_json(store.frame(), a, like, result.json);
+    }
     write_label_list(folder / "labels.json", result.json, list, smooth ? &neighbours : nullptr);
     result.json["labels"] = std::move(list);
     if (smooth) {
@@ -385,6 +397,9 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     result.text =
         fmt::format("{}: {} meshes of {} labels, {} triangles; the list is {}\n", a.mesh,
                     labels.format, chosen.size(), triangles, (folder / "labels.json").string());
+    if (!makes_detail_levels(labels)) {
+        result.text += space_line(store.frame(), a, like);
+    }
     if (bound > 0) {
         result.text += fmt::format("each within {:.6g} of the label's surface\n", bound);
     }
@@ -414,9 +429,10 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
                     "--interfaces goes with --smooth: labels that are not smooth share no "
                     "triangles. --smooth=0 keeps the faces of the voxels");
     }
-    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, {.replace = true});
+    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, a.file_options());
     // What the format does not hold is refused before the labels are looked for.
     MeshLayout layout;
+    layout.frame = store.frame();
     layout.has_sides = true;
     const fs::path input = a.store;
     sink->prepare(layout, std::span(&input, 1));
@@ -439,6 +455,7 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
     result.json = extract_json(a, r);
     result.json.erase("volume");
     result.json["unit"] = unit_json(store.unit());
+    add_space_json(store.frame(), a, a.mesh, result.json);
     add_smooth_json(*r.smooth, result.json);
     add_distance_json(result.json, r);
     result.json["outside"] = r.interfaces->outside;

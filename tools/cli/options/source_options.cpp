@@ -269,6 +269,19 @@ void add_source_options(CLI::App* command, SourceOptions& o, bool with_labels) {
         },
         "of length, of spacing and origin, instead of the file's: mm, um, nm, ...", "U")
         ->group(group);
+    add_parsed(
+        command, "--frame",
+        [&o](const std::string& text) {
+            o.frame = frame_from(text);
+            if (!o.frame) {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--frame '{}': give ras or lps", text));
+            }
+        },
+        "the world's axes in a patient, instead of the file's: right, anterior, superior\n"
+        "(NIfTI, FreeSurfer) or left, posterior, superior (DICOM, ITK); no number changes",
+        "ras|lps")
+        ->group(group);
     if (with_labels) {
         command->add_flag("--labels", o.labels,
                           "the values are labels: integers of 64 bits (0 to 2^62 - 1) are kept as\n"

@@ -34,8 +34,9 @@ __all__ = ["preprocess", "open", "view", "isosurface", "smooth", "Store", "View"
 
 
 def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optional[Sequence[float]] = None,
-               origin: Optional[Sequence[float]] = None, unit: Optional[str] = None, missing: Optional[float] = None,
-               dataset: str = "", series: str = "", labels: bool = False,
+               origin: Optional[Sequence[float]] = None, unit: Optional[str] = None,
+               frame: Optional[_sources.PatientFrame] = None,
+               missing: Optional[float] = None, dataset: str = "", series: str = "", labels: bool = False,
                label_names: "os.PathLike[str] | str | None" = None, index: Any = None,
                crop: Optional[Sequence[slice]] = None, every: Union[int, Sequence[int]] = 1,
                shape: Optional[Sequence[int]] = None, dtype: Any = None, offset: Optional[int] = None,
@@ -53,6 +54,8 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     spacing: distance of neighbouring nodes, origin: world position of the first node, both in the order of the
         array's axes. Without them 1 and 0, or what the file says.
     unit: of length, of both: "mm", "um", "nm", ...; without it what the file says, or not known.
+    frame: what the world's axes are in a patient, "RAS" (NIfTI, FreeSurfer) or "LPS" (DICOM, ITK); without it what
+        the file says, or not known. It changes no number.
     missing: this value stands for missing data.
     dataset: of a file of several, series: of DICOM. labels: the values are labels; integers of 64 bits are
         kept as they are (0 to 2**62 - 1), and so are names and colours that the file has for its labels; label_names:
@@ -81,7 +84,7 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     if indicators is not None:
         options.indicators = indicators.split(",") if isinstance(indicators, str) else list(indicators)
     source = _sources.of_volume(volume, identified=resume, memory=options.memory, spacing=spacing, origin=origin,
-                                unit=unit, missing=missing, dataset=dataset, series=series, labels=labels,
+                                unit=unit, frame=frame, missing=missing, dataset=dataset, series=series, labels=labels,
                                 label_names=label_names, index=index, crop=crop, every=every, shape=shape, dtype=dtype,
                                 offset=offset, headers=headers, cache=cache)
     options.memory -= _sources.for_fetching(volume, options.memory)
@@ -112,26 +115,26 @@ def view(path: "os.PathLike[str] | str", *, headers: Headers = None,
 
 @overload
 def isosurface(volume: Any, iso: Optional[float] = None, *, spacing: Optional[Sequence[float]] = None,
-               unit: Optional[str] = None, missing: Optional[float] = None, cells: Optional[Cells] = None,
-               memory: Bytes = "1G", threads: int = 0, scratch: "os.PathLike[str] | str | None" = None,
+               unit: Optional[str] = None, frame: Optional[_sources.PatientFrame] = None,
+               missing: Optional[float] = None, cells: Optional[Cells] = None, memory: Bytes = "1G", threads: int = 0, scratch: "os.PathLike[str] | str | None" = None,
                progress: Progress = None, **query: Any) -> Mesh: ...
 
 
 @overload
 def isosurface(volume: Any, iso: Sequence[float], *, spacing: Optional[Sequence[float]] = None,
-               unit: Optional[str] = None, missing: Optional[float] = None, cells: Optional[Cells] = None,
-               memory: Bytes = "1G", threads: int = 0, scratch: "os.PathLike[str] | str | None" = None,
+               unit: Optional[str] = None, frame: Optional[_sources.PatientFrame] = None,
+               missing: Optional[float] = None, cells: Optional[Cells] = None, memory: Bytes = "1G", threads: int = 0, scratch: "os.PathLike[str] | str | None" = None,
                progress: Progress = None, **query: Any) -> "list[Mesh]": ...
 
 
 def isosurface(volume: Any, iso: "Union[None, float, Sequence[float]]" = None, *,
                spacing: Optional[Sequence[float]] = None, unit: Optional[str] = None,
-               missing: Optional[float] = None, cells: Optional[Cells] = None, memory: Bytes = "1G",
+               frame: Optional[_sources.PatientFrame] = None, missing: Optional[float] = None, cells: Optional[Cells] = None, memory: Bytes = "1G",
                threads: int = 0, scratch: "os.PathLike[str] | str | None" = None, progress: Progress = None,
                **query: Any) -> "Union[Mesh, list[Mesh]]":
     """The surface of a volume in one call, for volumes that are looked at once.
 
-    ``volume``, ``spacing``, ``unit`` and ``missing`` are those of :func:`preprocess`, the other arguments those of
+    ``volume``, ``spacing``, ``unit``, ``frame`` and ``missing`` are those of :func:`preprocess`, the other arguments those of
     :meth:`Store.isosurface`. Without an isovalue it is the mean of the smallest and the largest value.
 
     cells: "hex" or "tet". Without a word it is "hex", which gives a third of the triangles, but "tet" where something
@@ -147,7 +150,7 @@ def isosurface(volume: Any, iso: "Union[None, float, Sequence[float]]" = None, *
     memory: bytes, beside the volume and the mesh (at full resolution, twice the mesh). scratch: the folder for that
         store and for temporary files; without it, the system's.
     """
-    mesh = _marching.march(volume, iso, spacing=spacing, unit=unit, missing=missing, cells=cells, memory=memory,
+    mesh = _marching.march(volume, iso, spacing=spacing, unit=unit, frame=frame, missing=missing, cells=cells, memory=memory,
                            threads=threads, scratch=scratch or "", progress=progress, **query)
     if mesh is not None:
         return mesh
@@ -157,7 +160,7 @@ def isosurface(volume: Any, iso: "Union[None, float, Sequence[float]]" = None, *
         indicators = ["deviation_bar", "hex_linf", "hex_deviation"]
     with tempfile.TemporaryDirectory(prefix="isonest-", dir=scratch) as folder:
         path = pathlib.Path(folder) / "volume.isonest"
-        preprocess(volume, path, spacing=spacing, unit=unit, missing=missing, indicators=indicators, memory=memory,
+        preprocess(volume, path, spacing=spacing, unit=unit, frame=frame, missing=missing, indicators=indicators, memory=memory,
                    threads=threads, progress=progress)
         with open(path) as store:
             if cells is None and 1 in store.shape:

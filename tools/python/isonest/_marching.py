@@ -83,7 +83,7 @@ class _Volume(Extracting):
 
 
 def march(volume: Any, iso: "Union[None, float, Sequence[float]]", *, spacing: Optional[Sequence[float]],
-          unit: Optional[str], missing: Optional[float], memory: Bytes,
+          unit: Optional[str], frame: Optional[_sources.PatientFrame], missing: Optional[float], memory: Bytes,
           **query: Any) -> "Union[None, Mesh, list[Mesh]]":
     """The surface of hexahedra, of several isovalues a list; None if that needs a store.
 
@@ -92,7 +92,8 @@ def march(volume: Any, iso: "Union[None, float, Sequence[float]]", *, spacing: O
     budget = to_bytes(memory)
 
     def open_source() -> Any:
-        return _sources.of_volume(volume, identified=False, memory=budget, spacing=spacing, unit=unit, missing=missing)
+        return _sources.of_volume(volume, identified=False, memory=budget, spacing=spacing, unit=unit, frame=frame,
+                                  missing=missing)
 
     try:
         return _Volume(open_source, iso is None).isosurface(

@@ -2,13 +2,15 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Iterator, Optional
+from typing import Any, Iterator, Literal, Optional
 
 import numpy as np
 
 from . import _core
 from ._arguments import Progress, reporting
 from ._frame import Frame
+
+Space = Literal["ras", "lps", "as-stored"]
 
 
 class Mesh:
@@ -106,15 +108,18 @@ class Mesh:
         """The same mesh, the same memory, in array coordinates (z, y, x)."""
         return self._other("array")
 
-    def save(self, path: "os.PathLike[str] | str", *, progress: Progress = None) -> None:
+    def save(self, path: "os.PathLike[str] | str", *, space: Optional[Space] = None, progress: Progress = None) -> None:
         """Writes the mesh in the format that the name's end chooses: .ply, .stl, .obj, .vtp, .vtkhdf, .glb, .3mf or
         .ngmesh; lines as .vtp or .obj, interfaces as .vtp, .vtkhdf or .ply. The file is in world coordinates, and byte for byte the one that the program
         ``isonest extract`` writes. It appears whole or not at all, and replaces a file of its name, unless the mesh
         was made from that.
+
+        space: the patient axes of positions and normals in the file, "ras", "lps" or "as-stored"; without it RAS where
+            the volume's axes are known (:attr:`Store.frame`), else as stored.
         """
         with reporting(progress) as report:
             _core.save_mesh(os.fspath(path), self._layout, self._positions, self._elements.view(np.uint32), self._flip,
-                            self._normals, self._values, self._errors, self._labels, report)
+                            self._normals, self._values, self._errors, self._labels, space, report)
 
     def _attributes(self) -> dict[str, np.ndarray]:
         named = {"normal": self._normals, "value": self._values, "error": self._errors}

@@ -5,13 +5,15 @@ import operator
 import os
 import re
 import warnings
-from typing import Any, List, Optional, Sequence, Tuple, Union
+from typing import Any, List, Literal, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from . import _core
 from ._arguments import Headers, per_axis, to_cache, to_header_lines
 
+PatientFrame = Literal["ras", "lps"]
+"""What the world's axes are in a patient; capital letters are taken, too."""
 _TYPES = frozenset("uint8 int8 uint16 int16 uint32 int32 float32 float64".split())
 _EXACT = 2**53
 """Integers up to this one are exact in float64."""
@@ -99,7 +101,7 @@ def _chunks_of(volume: Any) -> tuple[int, ...]:
 
 
 def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
-             unit: Optional[str], missing: Optional[float], identified: bool) -> Any:
+             unit: Optional[str], frame: Optional[PatientFrame], missing: Optional[float], identified: bool) -> Any:
     """A source of whatever has a shape, a dtype and slices."""
     if not (hasattr(volume, "shape") and hasattr(volume, "__getitem__") and hasattr(volume, "dtype")):
         volume = np.asarray(volume)
@@ -117,7 +119,7 @@ def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[S
     place: dict[str, Any] = {
         "spacing": per_axis("spacing", spacing if spacing is not None else (1.0,) * ndim, ndim, 1.0),
         "origin": per_axis("origin", origin if origin is not None else (0.0,) * ndim, ndim, 0.0),
-        "unit": unit, "name": name, "files": files, "missing": missing}
+        "unit": unit, "frame": frame, "name": name, "files": files, "missing": missing}
     reader = _Reader(volume, name)
     if isinstance(volume, np.ndarray) and not isinstance(volume, np.ma.MaskedArray):
         plain = volume.view(np.uint8) if volume.dtype == np.bool_ else volume
@@ -136,14 +138,14 @@ def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[S
 
 
 def of_volume(volume: Any, *, identified: bool, memory: int, spacing: Optional[Sequence[float]] = None,
-              origin: Optional[Sequence[float]] = None, unit: Optional[str] = None,
+              origin: Optional[Sequence[float]] = None, unit: Optional[str] = None, frame: Optional[PatientFrame] = None,
               missing: Optional[float] = None, dataset: str = "", series: str = "", labels: bool = False,
               label_names: Any = None, index: Any = None, crop: Optional[Sequence[slice]] = None,
               every: Union[int, Sequence[int]] = 1, shape: Optional[Sequence[int]] = None, dtype: Any = None,
               offset: Optional[int] = None, headers: Headers = None, cache: Any = None) -> Any:
     """A source of an array or of files. ``memory``: of the work that reads it, with what :func:`for_fetching` says."""
     if is_files(volume):
-        return of_files(volume, spacing=spacing, origin=origin, unit=unit, missing=missing, dataset=dataset,
+        return of_files(volume, spacing=spacing, origin=origin, unit=unit, frame=frame, missing=missing, dataset=dataset,
                         series=series, labels=labels, label_names=label_names, index=index, shape=shape, dtype=dtype,
                         offset=offset, crop=crop, every=every, max_heap=(memory - for_fetching(volume, memory)) // 4,
                         headers=headers, cache=cache, fetching=for_fetching(volume, memory))
@@ -154,7 +156,7 @@ def of_volume(volume: Any, *, identified: bool, memory: int, spacing: Optional[S
     given = [name for name, value in of_files_alone.items() if value is not None]
     if given:
         raise ValueError(f"{given[0]}= is for files; this volume is an array, which can be sliced")
-    return of_array(volume, spacing, origin, unit, missing, identified)
+    return of_array(volume, spacing, origin, unit, frame, missing, identified)
 
 
 def index_entries(index: Any) -> List[Tuple[str, Optional[int]]]:
@@ -190,7 +192,7 @@ def for_fetching(volume: Any, memory: int) -> int:
 
 
 def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
-             unit: Optional[str], missing: Optional[float], dataset: str, series: str, labels: bool,
+             unit: Optional[str], frame: Optional[PatientFrame], missing: Optional[float], dataset: str, series: str, labels: bool,
              label_names: Any, index: Any, shape: Optional[Sequence[int]], dtype: Any, offset: Optional[int],
              crop: Optional[Sequence[slice]], every: Union[int, Sequence[int]], max_heap: int,
              headers: Headers, cache: Any, fetching: int) -> Any:
@@ -218,6 +220,8 @@ def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional
         options.origin = per_axis("origin", origin, ndim, 0.0)
     if unit is not None:
         options.set_unit(unit)
+    if frame is not None:
+        options.set_frame(frame)
     for axis, at in index_entries(index):
         options.add_index(axis, at)
     if crop is not None:

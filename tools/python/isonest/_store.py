@@ -133,6 +133,11 @@ class Store(Extracting):
         return self._core.unit
 
     @property
+    def frame(self) -> Optional[str]:
+        """What the world's axes are in a patient: "RAS" or "LPS"; None where it is not known."""
+        return self._core.frame
+
+    @property
     def direction(self) -> Directions:
         """World directions (x, y, z) of the axes x, y and z: unit vectors at right angles."""
         return self._frame.direction

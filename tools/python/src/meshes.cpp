@@ -311,10 +311,23 @@ const T* attribute_of(const MeshOrigin& origin, const char* name, std::size_t ve
     return array->data();
 }
 
+MeshSpace space_of(const std::optional<std::string>& name) {
+    const auto frame = name ? frame_from(*name) : std::nullopt;
+    if (name && !frame && *name != "as-stored") {
+        throw py::value_error("space='" + *name + "': give 'ras', 'lps' or 'as-stored'");
+    }
+    return !name                            ? MeshSpace::automatic
+           : !frame                         ? MeshSpace::as_stored
+           : *frame == AnatomicalFrame::ras ? MeshSpace::ras
+                                            : MeshSpace::lps;
+}
+
 void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, const Floats& positions,
                const CornerNumbers& elements, bool flip, const std::optional<Floats>& normals,
                const std::optional<Doubles>& values, const std::optional<Floats>& errors,
-               const std::optional<LabelNumbers>& labels, const py::object& progress) {
+               const std::optional<LabelNumbers>& labels, const std::optional<std::string>& space,
+               const py::object& progress) {
+    const MeshSpace written = space_of(space);
     ArrayMesh mesh;
     mesh.vertices = static_cast<std::size_t>(positions.size()) / 3;
     mesh.positions = positions.data();
@@ -332,8 +345,10 @@ void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, cons
         mesh.sides = reinterpret_cast<const std::array<std::int64_t, 2>*>(labels->data());
     }
     run_watched(progress, [&](Progress& p) {
-        const std::unique_ptr<MeshSink> sink = open_mesh_file(
-            path, {.replace = true, .title = origin.label.name, .color = origin.label.color});
+        const std::unique_ptr<MeshSink> sink = open_mesh_file(path, {.replace = true,
+                                                                     .title = origin.label.name,
+                                                                     .color = origin.label.color,
+                                                                     .space = written});
         write_mesh(mesh, origin, path, *sink, p);
     });
 }
@@ -361,7 +376,7 @@ void add_meshes(py::module_& module) {
     module.def("extract_interfaces", &extract_interface_mesh, "store"_a, "labels"_a, "query"_a,
                "options"_a, "progress"_a);
     module.def("save_mesh", &save_mesh, "path"_a, "layout"_a, "positions"_a, "elements"_a, "flip"_a,
-               "normals"_a, "values"_a, "errors"_a, "labels"_a, "progress"_a);
+               "normals"_a, "values"_a, "errors"_a, "labels"_a, "space"_a, "progress"_a);
 }
 
 }  // namespace isonest::python

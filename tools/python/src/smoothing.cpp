@@ -92,7 +92,8 @@ std::vector<float> copy_of(std::span<const float> values) {
 void write_values(const std::filesystem::path& path, const VolumeDescription& d, bool replace,
                   std::span<const float> values) {
     const auto file = detail::create_volume_file(
-        path, {d.nodes, ValueType::f32, d.spacing, d.origin, d.direction, replace});
+        path,
+        {d.nodes, ValueType::f32, d.spacing, d.origin, d.direction, replace, d.unit, d.frame});
     file->write(reinterpret_cast<const std::byte*>(values.data()), d.nodes.z);
     file->finish();
 }

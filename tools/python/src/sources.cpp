@@ -154,6 +154,17 @@ std::optional<LengthUnit> unit_of(const std::optional<std::string>& name) {
     return name ? std::optional(unit_of_name(*name)) : std::nullopt;
 }
 
+AnatomicalFrame frame_of(const std::optional<std::string>& name) {
+    if (!name) {
+        return AnatomicalFrame::unknown;
+    }
+    const std::optional<AnatomicalFrame> frame = frame_from(*name);
+    if (!frame) {
+        throw py::value_error("frame='" + *name + "': give 'RAS' or 'LPS'");
+    }
+    return *frame;
+}
+
 /// How files are read, as Python fills it in.
 void add_source_options(py::module_& module) {
     using O = SourceOptions;
@@ -174,6 +185,7 @@ void add_source_options(py::module_& module) {
                  o.index.push_back({axis, at});
              })
         .def("set_unit", [](O& o, const std::string& unit) { o.unit = unit_of_name(unit); })
+        .def("set_frame", [](O& o, const std::string& frame) { o.frame = frame_of(frame); })
         .def("set_dims", [](O& o, const Numbers& dims) { o.dims = int3_of(dims); })
         .def("set_dtype", [](O& o, const py::dtype& dtype) { o.type = value_type_of(dtype); })
         .def("set_crop",
@@ -202,7 +214,8 @@ Source source_of_files(const std::vector<Path>& paths, const SourceOptions& opti
 }
 
 Source source_of_array(py::array array, const Double3& spacing, const Double3& origin,
-                       const std::optional<std::string>& unit, std::string name, bool identified,
+                       const std::optional<std::string>& unit,
+                       const std::optional<std::string>& frame, std::string name, bool identified,
                        std::vector<Path> files, std::optional<double> missing) {
     if (array.ndim() != 3) {
         throw py::value_error("a volume has three axes");
@@ -212,6 +225,7 @@ Source source_of_array(py::array array, const Double3& spacing, const Double3& o
     layout.spacing = spacing;
     layout.origin = origin;
     layout.unit = unit_of(unit);
+    layout.frame = frame_of(frame);
     layout.name = std::move(name);
     auto volume = std::make_unique<ArrayVolume>(std::move(array), std::move(layout), identified,
                                                 std::move(files));
@@ -220,12 +234,14 @@ Source source_of_array(py::array array, const Double3& spacing, const Double3& o
 
 Source source_of_reader(py::object reader, const Numbers& nodes, const py::dtype& dtype,
                         const Double3& spacing, const Double3& origin,
-                        const std::optional<std::string>& unit, std::string name,
+                        const std::optional<std::string>& unit,
+                        const std::optional<std::string>& frame, std::string name,
                         std::int64_t planes, std::int64_t rows, std::uint64_t heap,
                         std::string identity, std::vector<Path> files,
                         std::optional<double> missing) {
-    VolumeDescription description{int3_of(nodes),  value_type_of(dtype), spacing, origin,
-                                  std::move(name), kAlongWorld,          false,   unit_of(unit)};
+    VolumeDescription description{int3_of(nodes), value_type_of(dtype), spacing,
+                                  origin,         std::move(name),      kAlongWorld,
+                                  false,          unit_of(unit),        frame_of(frame)};
     const VolumeSource::Granularity granularity{std::max<std::int64_t>(planes, 1),
                                                 std::max<std::int64_t>(rows, 1)};
     auto volume =
@@ -277,10 +293,10 @@ void add_sources(py::module_& module) {
     add_source_options(module);
     module.def("source_of_files", &source_of_files, "paths"_a, "options"_a);
     module.def("source_of_array", &source_of_array, "array"_a, py::kw_only(), "spacing"_a,
-               "origin"_a, "unit"_a, "name"_a, "identified"_a, "files"_a, "missing"_a);
+               "origin"_a, "unit"_a, "frame"_a, "name"_a, "identified"_a, "files"_a, "missing"_a);
     module.def("source_of_reader", &source_of_reader, "reader"_a, py::kw_only(), "nodes"_a,
-               "dtype"_a, "spacing"_a, "origin"_a, "unit"_a, "name"_a, "planes"_a, "rows"_a,
-               "heap"_a, "identity"_a, "files"_a, "missing"_a);
+               "dtype"_a, "spacing"_a, "origin"_a, "unit"_a, "frame"_a, "name"_a, "planes"_a,
+               "rows"_a, "heap"_a, "identity"_a, "files"_a, "missing"_a);
 
     py::class_<PreprocessOptions>(module, "PreprocessOptions")
         .def(py::init<>())

@@ -236,6 +236,13 @@ void add_stores(py::module_& module) {
                                [](const OpenStore& s) { return dtype_of(s.get()->type()); })
         .def_property_readonly("spacing", [](const OpenStore& s) { return s.get()->spacing(); })
         .def_property_readonly("origin", [](const OpenStore& s) { return s.get()->origin(); })
+        .def_property_readonly("frame",
+                               [](const OpenStore& s) {
+                                   const AnatomicalFrame frame = s.get()->frame();
+                                   return frame == AnatomicalFrame::unknown
+                                              ? std::nullopt
+                                              : std::optional(std::string(name_of(frame)));
+                               })
         .def_property_readonly("unit",
                                [](const OpenStore& s) -> std::optional<std::string> {
                                    const auto unit = s.get()->unit();

@@ -156,27 +156,30 @@ HttpAnswer StoreAnswers::describe() const {
     const Int3 nodes = store_.nodes();
     const int dimension = int{nodes.x > 1} + int{nodes.y > 1} + int{nodes.z > 1};
     const bool integer = store_.type() != ValueType::f32 && store_.type() != ValueType::f64;
-    Json json = {{"name", store_.path().filename().string()},
-                 {"nodes", array_of(nodes)},
-                 {"type", name_of(store_.type())},
-                 {"spacing", store_.spacing()},
-                 {"origin", store_.origin()},
-                 {"direction", store_.direction()},
-                 {"unit", store_.unit() ? Json(symbol_of(*store_.unit())) : Json()},
-                 {"box", world_box(store_)},
-                 {"min_value", any ? number(store_.min_value()) : Json()},
-                 {"max_value", any ? number(store_.max_value()) : Json()},
-                 {"integer", integer},
-                 {"has_missing", store_.has_missing()},
-                 {"levels", store_.levels()},
-                 {"labels", are_labels()},
-                 {"dimension", dimension},
-                 {"file_bytes", store_.reader().file_bytes()},
-                 {"largest_error", 2 * range_of(store_)},
-                 {"first_error", first_ ? number(first_->error) : Json()},
-                 {"most_triangles", shares_.surface_message / MeshMessage::kTriangleHeap},
-                 {"memory", shares_.memory},
-                 {"version", ISONEST_VERSION}};
+    Json json = {
+        {"name", store_.path().filename().string()},
+        {"nodes", array_of(nodes)},
+        {"type", name_of(store_.type())},
+        {"spacing", store_.spacing()},
+        {"origin", store_.origin()},
+        {"direction", store_.direction()},
+        {"unit", store_.unit() ? Json(symbol_of(*store_.unit())) : Json()},
+        {"frame",
+         store_.frame() == AnatomicalFrame::unknown ? Json() : Json(name_of(store_.frame()))},
+        {"box", world_box(store_)},
+        {"min_value", any ? number(store_.min_value()) : Json()},
+        {"max_value", any ? number(store_.max_value()) : Json()},
+        {"integer", integer},
+        {"has_missing", store_.has_missing()},
+        {"levels", store_.levels()},
+        {"labels", are_labels()},
+        {"dimension", dimension},
+        {"file_bytes", store_.reader().file_bytes()},
+        {"largest_error", 2 * range_of(store_)},
+        {"first_error", first_ ? number(first_->error) : Json()},
+        {"most_triangles", shares_.surface_message / MeshMessage::kTriangleHeap},
+        {"memory", shares_.memory},
+        {"version", ISONEST_VERSION}};
     return json_answer(json);
 }
 

@@ -31,6 +31,8 @@ export class Overlay {
     private readonly probe: Probe,
     store: StoreInfo,
   ) {
+    // Of a patient: to which side each axis increases.
+    this.axes.forEach(({ text }, i) => { text.textContent += store.frame ? ` ${store.frame.charAt(i)}` : ""; });
     this.unit = store.unit === null ? "" : ` ${unitOf(store)}`;
     this.root = svg("svg", { class: "overlay", "aria-hidden": "true" });
     for (const { line, text } of this.axes) this.root.append(line, text);

@@ -13,6 +13,7 @@ export interface StoreInfo {
   readonly direction: readonly [Vector, Vector, Vector];
   /** Of length, of all coordinates; null where it is not known. */
   readonly unit: string | null;
+  readonly frame: "RAS" | "LPS" | null;
   readonly box: Box;
   readonly min_value: number | null;
   readonly max_value: number | null;
