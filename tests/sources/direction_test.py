@@ -197,8 +197,11 @@ class Direction(Input):
                 self.path = self.here / name
                 self.run_it("preprocess", self.path, "-o", self.here / "again", "--force")
                 info = json.loads(self.run_it("info", self.here / "again", "--json").stdout)
-                np.testing.assert_allclose(np.array(info["direction"]).T, matrix, atol=1e-6)
-                np.testing.assert_allclose(info["origin"], ORIGIN, rtol=1e-6)
+                # NIfTI is of RAS, and MetaImage of LPS: the same places with x and y negated.
+                turn = np.array([-1, -1, 1] if name == "e.mha" else [1, 1, 1])
+                self.assertEqual(info["frame"], {"e.mha": "LPS", "e.vti": None}.get(name, "RAS"))
+                np.testing.assert_allclose(np.array(info["direction"]).T, turn[:, None] * matrix, atol=1e-6)
+                np.testing.assert_allclose(info["origin"], turn * ORIGIN, rtol=1e-6)
             np.testing.assert_allclose(nibabel.load(self.here / "e.nii").affine, affine, atol=1e-5)
             reader = vtk.vtkXMLImageDataReader()
             reader.SetFileName(str(self.here / "e.vti"))
