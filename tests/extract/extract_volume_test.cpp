@@ -54,7 +54,7 @@ void march_in_parts(MeshCollector& mesh, VolumeSource& volume, double iso, std::
     AttributeChoice attributes;
     attributes.normal = true;
     const Weld weld(parts, folder.path());
-    const MeshLayout layout = layout_of(attributes, 3, {});
+    const MeshLayout layout = layout_of(attributes, 3, {}, {});
     emit_mesh(parts, weld, layout, mesh, silent_progress());
     // The same, while the parts are given back.
     ScratchMesh moved(folder.path());

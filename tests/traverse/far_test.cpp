@@ -62,7 +62,7 @@ Outcome outcome_of(const ChunkSource& source, TraversalQuery query,
         for (std::size_t i = 0; i < isovalues.size(); ++i) {
             parts[i]->seal();
             const Weld weld(*parts[i], folder.path());
-            emit_mesh(*parts[i], weld, layout_of(query.attributes, 3, {}), out.meshes[i],
+            emit_mesh(*parts[i], weld, layout_of(query.attributes, 3, {}, {}), out.meshes[i],
                       silent_progress());
         }
     });
