@@ -128,7 +128,7 @@ void help(RankTeam& team, const StoreReader& store, const ExtractQuery& asked,
         PartStore& parts = own.parts.emplace_back(scratch, asked.spacing, asked.origin,
                                                   budget.parts / isovalues.size(),
                                                   asked.traversal.attributes.width());
-        watch_places(asked, parts);
+        watch_vertices(asked, parts);
         found.push_back({isovalues[i], &parts, &reports[i]});
     }
     Workers(budget.threads).execute([&] {

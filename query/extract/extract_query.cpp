@@ -340,6 +340,11 @@ ExtractQuery extract_query(const StoreReader& store, const SliceQuery& query, bo
     ExtractQuery asked = begun(store, Product::slice, query, query.cells, false);
     asked.traversal.plane = lattice_plane(store.layout().header(), query.plane);
     choose_attributes(store, query.attributes, true, float64, asked);
+    // The way in which triangles face: to where the distance from the plane is less.
+    Double3& facing = asked.traversal.attributes.plane_normal.emplace();
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        facing[axis] = 0 - asked.traversal.plane->normal[axis] / asked.spacing[axis];
+    }
     return finished(store, std::move(asked));
 }
 

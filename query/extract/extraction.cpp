@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "query/apart/complete_normals.h"
 #include "query/apart/parts_apart.h"
 #include "query/extract/stages/apart_stage.h"
 #include "query/extract/stages/contour_lines.h"
@@ -36,7 +37,7 @@ void Extraction::prepare(std::vector<std::filesystem::path> inputs) {
 FoundParts Extraction::begin_parts(std::uint64_t memory) {
     parts_.emplace(scratch_, asked_.spacing, asked_.origin, memory,
                    asked_.traversal.attributes.width());
-    watch_places(asked_, *parts_);
+    watch_vertices(asked_, *parts_);
     FoundParts found{asked_.traversal.iso, &*parts_, &report_};
     if (options_.team != nullptr && options_.team->ranks.size() > 1) {
         found.may_stay = [this] { return goes_straight(); };
@@ -47,7 +48,7 @@ FoundParts Extraction::begin_parts(std::uint64_t memory) {
 /// Whether nothing happens to the mesh as a whole, and all ranks can write it.
 bool Extraction::goes_straight() const {
     return asked_.product != Product::contours && !asked_.turn && is_written_by_all(sink_) &&
-           row_->with_work(*parts_).empty();
+           parts_->without_normal() == 0 && row_->with_work(*parts_).empty();
 }
 
 ExtractReport Extraction::finish_on_ranks(const TraversalBudget& budget) {
@@ -84,6 +85,7 @@ ExtractReport Extraction::finish(const TraversalBudget& budget) {
         } else if (asked_.product == Product::contours) {
             emit_contours(weld, budget);
         } else {
+            complete_normals(*parts_, weld, layout_, scratch_, progress_);
             emit(*parts_, weld);
         }
     });
@@ -140,6 +142,7 @@ void Extraction::run_stages(const std::vector<Stage*>& stages, std::shared_ptr<S
     for (Stage* const stage : stages) {
         stage->run(mesh, report_);
     }
+    complete_normals(mesh.growing(), mesh.elements(), scratch_, progress_);
     const EmittedMesh emitted =
         emit_elements(mesh.vertices(), mesh.elements(), scratch_, sink_, progress_);
     report_.vertices = emitted.vertices;

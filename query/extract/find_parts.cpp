@@ -138,10 +138,13 @@ Traversed of_all(Communicator& ranks, const Traversed& own) {
 
 }  // namespace
 
-void watch_places(const ExtractQuery& asked, PartStore& parts) {
+void watch_vertices(const ExtractQuery& asked, PartStore& parts) {
     if (asked.keeps_apart()) {
         parts.watch(
             {sight_apart(asked.coordinate_rounding, asked.least_apart), asked.traversal.box});
+    }
+    if (asked.traversal.attributes.normal) {
+        parts.count_normals();
     }
 }
 

@@ -28,8 +28,8 @@ struct FoundParts {
 };
 
 /// The parts are to see which of their vertices may lie in one place, if the query keeps those
-/// apart.
-void watch_places(const ExtractQuery& asked, PartStore& parts);
+/// apart, and which have no normal, if they are to have one.
+void watch_vertices(const ExtractQuery& asked, PartStore& parts);
 
 /// Traverses once, fills all parts and seals them; what that takes beside them is free again
 /// afterwards. Says in the reports what it did; chunks are counted in each. REQUIRES: only a

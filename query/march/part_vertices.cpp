@@ -260,7 +260,8 @@ std::uint32_t PartVertices::centre(const std::array<std::uint32_t, 3>& v) {
     }
     const std::uint32_t vertex = add(kNoKey, position);
     if (attributes_ != nullptr) {
-        values_.push_back(attributes_->mean(values_[v[0]], values_[v[1]], values_[v[2]]));
+        values_.push_back(attributes_->with_unit_normal(
+            attributes_->mean(values_[v[0]], values_[v[1]], values_[v[2]])));
     }
     return vertex;
 }

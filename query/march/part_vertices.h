@@ -123,7 +123,7 @@ class PartVertices {
     /// Of a vertex at a + t (b - a). REQUIRES: width() > 0.
     [[nodiscard]] VertexAttributes mix(const VertexAttributes& a, const VertexAttributes& b,
                                        double t) const {
-        return attributes_->mix(a, b, t);
+        return attributes_->with_unit_normal(attributes_->mix(a, b, t));
     }
     static constexpr std::uint64_t kNoKey = 0xFFFFFFFFFFFFFFFFU;
     /// VertexKey::first of a vertex of kind edge, kNoKey of another.

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstring>
 
-#include "store/base/hypot3.h"
+#include "store/base/unit_normal.h"
 #include "store/container/indicator_code.h"
 
 namespace isonest::detail {
@@ -46,6 +46,12 @@ double float_of(AttributeWord word) {
 
 AttributeWord word_of(double number) {
     return std::bit_cast<AttributeWord>(static_cast<float>(number));
+}
+
+void put_normal(const Double3& n, VertexAttributes& words) {
+    const std::array<float, 3> unit = unit_normal(n);
+    std::transform(unit.begin(), unit.end(), words.begin(),
+                   [](float x) { return std::bit_cast<AttributeWord>(x); });
 }
 
 }  // namespace
@@ -134,8 +140,9 @@ VertexAttributes AttributeSampler::sample(const Int3& a, const Int3& b, double t
     const auto reach = static_cast<std::uint64_t>(
         std::max({std::abs(d.x), std::abs(d.y), std::abs(d.z), std::int64_t{1}}));
     const int level = std::countr_zero(reach);
-    if (choice_.normal) {
-        std::size_t at = 0;
+    if (choice_.normal && choice_.plane_normal) {
+        put_normal(*choice_.plane_normal, out);
+    } else if (choice_.normal) {
         const Double3 ga = own_.gradient(a, level);
         const Double3 gb = own_.gradient(b, level);
         Double3 n{};
@@ -145,10 +152,7 @@ VertexAttributes AttributeSampler::sample(const Int3& a, const Int3& b, double t
         if (choice_.graph_scale) {
             n = {n[0] * *choice_.graph_scale, n[1] * *choice_.graph_scale, 1};
         }
-        const double size = hypot3(n[0], n[1], n[2]);
-        for (std::size_t i = 0; i < 3; ++i) {
-            out[at++] = word_of(size > 0 && std::isfinite(size) ? n[i] / size : 0.0);
-        }
+        put_normal(n, out);
     }
     if (choice_.value) {
         const double va = value(a, level);
@@ -226,10 +230,7 @@ VertexAttributes AttributeSampler::mean(const VertexAttributes& a, const VertexA
 VertexAttributes AttributeSampler::with_unit_normal(const VertexAttributes& a) const {
     VertexAttributes out = a;
     if (choice_.normal) {
-        const double size = hypot3(float_of(a[0]), float_of(a[1]), float_of(a[2]));
-        for (std::size_t i = 0; i < 3 && size > 0; ++i) {
-            out[i] = word_of(float_of(a[i]) / size);
-        }
+        put_normal({float_of(a[0]), float_of(a[1]), float_of(a[2])}, out);
     }
     return out;
 }

@@ -22,12 +22,14 @@ using AttributeWord = std::uint32_t;
 
 /// Which attributes; the order in a vertex is normal, value, error.
 struct AttributeChoice {
-    bool normal =
-        false;           ///< 3 floats, unit length, toward smaller values, from the data's gradient
-    bool value = false;  ///< of the store itself (slices), or of another one with the same nodes
+    bool normal = false;  ///< 3 floats, unit length, toward smaller values, from the data's
+                          ///< gradient; 0 where that says nothing (query/apart/complete_normals.h)
+    bool value = false;   ///< of the store itself (slices), or of another one with the same nodes
     bool wide_value = false;  ///< as float64: see held_by_float32()
     /// normal is that of the graph z = scale U over the xy plane instead.
     std::optional<double> graph_scale;
+    /// normal is this one instead, of any length: that of a slice's plane.
+    std::optional<Double3> plane_normal;
     std::optional<Field> error;  ///< the field at the midpoint of the vertex's tetrahedron edge
 
     /// One of them in a vertex's words: `components` numbers from word `first` on.
@@ -47,6 +49,8 @@ struct AttributeChoice {
         return value_at() + value_words() + (error ? 1U : 0U);
     }
     [[nodiscard]] std::size_t value_at() const { return normal ? 3U : 0U; }
+    /// Whether normals need the values around a vertex.
+    [[nodiscard]] bool needs_gradient() const { return normal && !plane_normal; }
     [[nodiscard]] std::size_t value_words() const { return !value ? 0U : wide_value ? 2U : 1U; }
     /// The value among a vertex's words. REQUIRES: value.
     [[nodiscard]] double value_of(std::span<const AttributeWord> words) const;
@@ -99,7 +103,7 @@ class AttributeSampler {
                                        double t);
     [[nodiscard]] VertexAttributes mean(const VertexAttributes& a, const VertexAttributes& b,
                                         const VertexAttributes& c);
-    /// The same attributes with a normal of unit length, which a mixed one has not.
+    /// The same attributes with a normal of unit length, which a mixed one has not; or 0.
     [[nodiscard]] VertexAttributes with_unit_normal(const VertexAttributes& a) const;
     /// Of the values that were computed so far.
     [[nodiscard]] const ValueRounding& value_rounding() const { return value_rounding_; }

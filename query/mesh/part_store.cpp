@@ -6,6 +6,7 @@
 
 #include "query/mesh/zero_area.h"
 #include "store/base/aligned.h"
+#include "store/base/unit_normal.h"
 
 namespace isonest::detail {
 namespace {
@@ -63,6 +64,17 @@ std::vector<std::uint32_t> not_alone_in(const MeshPart& part, const PlaceWatch& 
         }
     }
     return found;
+}
+
+/// Vertices whose normal, the first of `width` attributes, is 0.
+std::uint32_t count_without_normal(std::span<const std::uint32_t> attributes, std::size_t width) {
+    std::uint32_t count = 0;
+    for (std::size_t at = 0; at < attributes.size(); at += width) {
+        Point normal{};
+        std::memcpy(normal.data(), &attributes[at], sizeof(normal));
+        count += has_no_direction(normal) ? 1 : 0;
+    }
+    return count;
 }
 
 /// What keeping a part costs beside its bytes.
@@ -126,7 +138,10 @@ void PartStore::append(std::uint64_t order, const MeshPart& part) {
     for (const auto& t : part.triangles) {
         zero += has_no_area(world[t[0]], world[t[1]], world[t[2]]) ? 1 : 0;
     }
-    include({zero, part.cut_fans, lo, hi});
+    if (counts_normals_) {
+        record.without_normal = count_without_normal(part.attributes, attributes_);
+    }
+    include({zero, record.without_normal, part.cut_fans, lo, hi});
     const std::uint64_t number = reserve(record, pieces.end);
     if (record.in_memory == 0) {
         file_.write_at(record.offset, {bytes.get(), static_cast<std::size_t>(pieces.end)});
@@ -183,6 +198,7 @@ void PartStore::put(const PartRecord& record, std::uint64_t at, std::span<const 
 void PartStore::include(const PartTotals& other) {
     const std::lock_guard lock(mutex_);
     zero_area_ += other.zero_area;
+    without_normal_ += other.without_normal;
     cut_fans_ += other.cut_fans;
     for (std::size_t axis = 0; axis < 3; ++axis) {
         // Which of two zeros came first depends on the threads.
@@ -235,6 +251,11 @@ std::span<const std::array<float, 3>> PartStore::vertices(const PartRecord& r) c
 std::span<std::array<float, 3>> PartStore::changeable_vertices(const PartRecord& r) {
     std::byte* const part = r.in_memory != 0 ? kept_[r.offset].get() : data_.data() + r.offset;
     return {reinterpret_cast<Point*>(part + Pieces(r, attributes_).vertices), r.vertices};
+}
+std::span<std::uint32_t> PartStore::changeable_attributes(const PartRecord& r) {
+    std::byte* const part = r.in_memory != 0 ? kept_[r.offset].get() : data_.data() + r.offset;
+    return {reinterpret_cast<std::uint32_t*>(part + Pieces(r, attributes_).attributes),
+            r.vertices * attributes_};
 }
 std::span<const std::uint32_t> PartStore::attributes(const PartRecord& r) const {
     return slice<std::uint32_t>(r, Pieces(r, attributes_).attributes,

@@ -27,8 +27,9 @@ struct PartRecord {
     std::uint32_t names = 0;
     std::uint32_t cuts = 0;
     std::uint32_t not_alone = 0;
-    std::uint32_t owned = 0;         ///< set by the weld: vertices not named by an earlier part
-    std::uint64_t first_vertex = 0;  ///< set by the weld: number of the first owned vertex
+    std::uint32_t without_normal = 0;  ///< vertices, if they are counted
+    std::uint32_t owned = 0;           ///< set by the weld: vertices not named by an earlier part
+    std::uint64_t first_vertex = 0;    ///< set by the weld: number of the first owned vertex
     std::uint64_t first_triangle = 0;
     std::uint64_t first_shared = 0;
     std::uint64_t first_not_alone = 0;  ///< set by seal(): those of the parts before
@@ -42,8 +43,9 @@ struct PlaceWatch {
 
 /// What is known of all parts of a store together.
 struct PartTotals {
-    std::uint64_t zero_area = 0;  ///< triangles
-    std::uint64_t cut_fans = 0;   ///< of MeshPart
+    std::uint64_t zero_area = 0;       ///< triangles
+    std::uint64_t without_normal = 0;  ///< vertices, if they are counted
+    std::uint64_t cut_fans = 0;        ///< of MeshPart
     /// The smallest box that holds all vertices, world coordinates; lo > hi if there is none.
     std::array<float, 3> lo{};
     std::array<float, 3> hi{};
@@ -62,6 +64,9 @@ class PartStore {
     /// From now on vertices are looked for that may share their place with another one. REQUIRES:
     /// nothing was appended.
     void watch(const PlaceWatch& places) { watch_ = places; }
+    /// From now on vertices are counted whose normal, the first of their attributes, is 0.
+    /// REQUIRES: nothing was appended.
+    void count_normals() { counts_normals_ = true; }
     /// Throws Error{io}.
     void append(std::uint64_t order, const MeshPart& part);
     /// A part that another store like this one has: `record` and what all_bytes() says there. put()
@@ -80,6 +85,8 @@ class PartStore {
     [[nodiscard]] std::span<std::array<float, 3>> changeable_vertices(const PartRecord& r);
     /// attributes_per_vertex() words for each vertex.
     [[nodiscard]] std::span<const std::uint32_t> attributes(const PartRecord& r) const;
+    /// For whoever changes normals: every part has its own copy of a vertex.
+    [[nodiscard]] std::span<std::uint32_t> changeable_attributes(const PartRecord& r);
     [[nodiscard]] std::size_t attributes_per_vertex() const { return attributes_; }
     [[nodiscard]] std::span<const std::array<std::uint32_t, 3>> triangles(
         const PartRecord& r) const;
@@ -97,8 +104,11 @@ class PartStore {
     [[nodiscard]] std::uint64_t count_bytes(const PartRecord& r) const;
     /// Of all parts together.
     [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
-    [[nodiscard]] PartTotals totals() const { return {zero_area_, cut_fans_, lo_, hi_}; }
+    [[nodiscard]] PartTotals totals() const {
+        return {zero_area_, without_normal_, cut_fans_, lo_, hi_};
+    }
     [[nodiscard]] std::uint64_t zero_area_triangles() const { return zero_area_; }
+    [[nodiscard]] std::uint64_t without_normal() const { return without_normal_; }
     [[nodiscard]] std::uint64_t cut_fans() const { return cut_fans_; }
     /// Whether vertices or triangles change before vertices are kept apart.
     [[nodiscard]] bool is_to_be_mended() const { return zero_area_ > 0 || cut_fans_ > 0; }
@@ -124,12 +134,14 @@ class PartStore {
     std::uint64_t memory_;
     std::size_t attributes_;
     std::optional<PlaceWatch> watch_;
+    bool counts_normals_ = false;
     std::mutex mutex_;
     std::vector<std::unique_ptr<std::byte[]>> kept_;
     std::uint64_t end_ = 0;
     std::uint64_t count_ = 0;
     std::uint64_t bytes_ = 0;
     std::uint64_t zero_area_ = 0;
+    std::uint64_t without_normal_ = 0;
     std::uint64_t cut_fans_ = 0;
     std::array<float, 3> lo_ = MeshLayout::kEmptyLo;
     std::array<float, 3> hi_ = MeshLayout::kEmptyHi;

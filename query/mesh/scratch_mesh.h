@@ -54,6 +54,9 @@ class ScratchMesh : public MeshSink {
         return {position_file_.as<std::array<float, 3>>().data(),
                 static_cast<std::size_t>(layout_.vertices)};
     }
+    [[nodiscard]] std::span<std::byte> changeable_rows() {
+        return row_file_.as<std::byte>().first(layout_.vertices * layout_.row_bytes);
+    }
     [[nodiscard]] CornerFile& changeable_corners() { return corners_; }
     /// A further vertex: a copy of one of the mesh, at another place.
     struct MovedCopy {

@@ -19,7 +19,7 @@
 #include "query/slabs/slab_place.h"
 #include "query/slabs/slab_values.h"
 #include "query/view/topology.h"
-#include "store/base/hypot3.h"
+#include "store/base/unit_normal.h"
 
 namespace isonest::detail {
 
@@ -184,17 +184,7 @@ class SlabVertices {
         for (std::size_t i = 0; i < 3; ++i) {
             n[i] = -(from[i] + t * (to[i] - from[i]));
         }
-        return normalized(n);
-    }
-    [[nodiscard]] static std::array<float, 3> normalized(const Double3& n) {
-        std::array<float, 3> unit{};
-        const double size = hypot3(n[0], n[1], n[2]);
-        if (size > 0 && std::isfinite(size)) {
-            for (std::size_t i = 0; i < 3; ++i) {
-                unit[i] = static_cast<float>(n[i] / size);
-            }
-        }
-        return unit;
+        return unit_normal(n);
     }
     std::uint32_t add(const Double3& position, const std::array<float, 3>& normal) {
         const auto next = static_cast<std::uint32_t>(slab_.positions.size());
@@ -274,7 +264,7 @@ std::uint32_t SlabVertices<T>::centre(std::span<const std::uint32_t> v) {
             mean[axis] = static_cast<float>(a + t * (b - a));
         }
     }
-    return add(at, normalized({mean[0], mean[1], mean[2]}));
+    return add(at, unit_normal({mean[0], mean[1], mean[2]}));
 }
 
 template <class T>

@@ -202,8 +202,11 @@ void MeshMessage::make_normals() {
     normals_.assign(positions_.size(), {});
     for (std::size_t v = 0; v < sum.size(); ++v) {
         const double length = hypot3(sum[v][0], sum[v][1], sum[v][2]);
-        for (std::size_t axis = 0; axis < 3 && length > 0; ++axis) {
-            normals_[v][axis] = rounded_normal(static_cast<double>(sum[v][axis]) / length);
+        const Double3 unit =
+            length > 0 ? Double3{sum[v][0] / length, sum[v][1] / length, sum[v][2] / length}
+                       : Double3{0, 0, 1};
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            normals_[v][axis] = rounded_normal(unit[axis]);
         }
     }
 }

@@ -40,7 +40,7 @@ struct BackfaceCulling {
 
 /// Numbers that every vertex carries beside its place.
 struct MeshAttributes {
-    bool normals = false;  ///< from the data's gradient; of a graph its own
+    bool normals = false;  ///< of length 1, of the gradient; of graphs and slices their own
     /// "value", from another store with the same nodes, which has to live as long as the call.
     const Store* values = nullptr;
     std::optional<Field> error = {};  ///< "error": this field

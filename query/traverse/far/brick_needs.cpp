@@ -111,7 +111,7 @@ class Reach {
                 fields_.set(high & equal_axes(offset, {2, 2, 2}));
             }
         }
-        if (query_.attributes.normal) {
+        if (query_.attributes.needs_gradient()) {
             const std::int64_t chunk = 2 * half_;
             const Int3 above{cube.x % chunk, cube.y % chunk, cube.z % chunk};
             above_.set(equal_axes(above, {0, 0, 0}) +
@@ -205,7 +205,7 @@ void add_attribute_needs(const TraversalRun& run, int level, const Int3& brick, 
     const TraversalQuery& query = run.query;
     const StoreLayout& layout = run.layout();
     const Int3 above{brick.x / 2, brick.y / 2, brick.z / 2};
-    if (query.attributes.normal) {
+    if (query.attributes.needs_gradient()) {
         add_around(layout.array(level, Field::values), brick, reach.around(), needs.own);
         if (has_long_edges && level < layout.lattice().top()) {
             add_around(layout.array(level + 1, Field::values), above, reach.around_above(),
@@ -282,7 +282,7 @@ void add_brick_needs(Runs runs, int level, const Int3& brick, const ParentsOfRun
 }
 
 bool has_node_needs(const TraversalRun& run, int level) {
-    return run.query.attributes.normal && level > 0;
+    return run.query.attributes.needs_gradient() && level > 0;
 }
 
 void add_node_needs(Runs runs, int level, const Int3& brick, const ParentsOfRuns& parents,

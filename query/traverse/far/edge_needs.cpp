@@ -61,7 +61,7 @@ void EdgeNeeds::attributes(const Int3& a, const Int3& b, Wants& wants) {
             wants.other_chunk(other, other.chunk_of(min(at, other.nodes - Int3{1, 1, 1})));
         }
         wants.box(values, at, at);
-        for (int axis = 0; axis < 3 && choice.normal; ++axis) {
+        for (int axis = 0; axis < 3 && choice.needs_gradient(); ++axis) {
             Int3 step{};
             step[axis] = 1;
             wants.box(values, at - step, at - step);

@@ -102,9 +102,9 @@ class CellScout {
     /// Of vertices on edges of a level between these of its nodes.
     void want_attributes(int level, const Int3& low, const Int3& high) {
         const AttributeChoice& choice = query_.attributes;
-        if (choice.normal && D == 3) {
+        if (choice.needs_gradient() && D == 3) {
             wants_->box(layout_.array(level, Field::values), low - kOne, high + kOne);
-        } else if (choice.normal) {
+        } else if (choice.needs_gradient()) {
             // Vertices are nodes, which have the finest gradient.
             const std::int64_t edge = std::int64_t{1} << level;
             for (const Int3& p :

@@ -183,7 +183,7 @@ void add_slice(CLI::App& app, Invocation& chosen) {
         c, "--plane", [a](const std::string& text) { a->plane = parse_plane(text); },
         "the plane x NX + y NY + z NZ = D, in the store's unit", "NX,NY,NZ,D")
         ->required();
-    c->add_flag("--normals", a->extract.normals, "vertex normals from the data's gradient");
+    c->add_flag("--normals", a->extract.normals, "vertex normals: the plane's");
     add_parsed(
         c, "--vertex-error",
         [a](const std::string& text) {
