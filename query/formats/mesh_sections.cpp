@@ -8,6 +8,8 @@
 #include <type_traits>
 #include <utility>
 
+#include <isonest/error.h>
+
 #include "store/base/vector3.h"
 
 namespace isonest::detail {
@@ -19,9 +21,17 @@ std::byte* put(const T& number, std::byte* out) {
     return out + sizeof(number);
 }
 
-std::array<float, 3> scaled(std::array<float, 3> position, double scale) {
-    for (float& component : position) {
-        component = static_cast<float>(static_cast<double>(component) * scale);
+bool is_as_it_comes(const VertexSection& section) {
+    return section.scale == 1 && section.shift == Double3{} && !section.turned;
+}
+
+std::array<float, 3> placed(std::array<float, 3> position, const VertexSection& section) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const double at = static_cast<double>(position[axis]);
+        // A sum with 0 would make another zero of a negative one.
+        const double moved = section.shift[axis] == 0 ? at : at + section.shift[axis];
+        const double there = section.turned && axis < 2 ? 0 - moved : moved;
+        position[axis] = static_cast<float>(there * section.scale);
     }
     return position;
 }
@@ -34,10 +44,9 @@ std::array<float, 3> turned(const std::array<float, 3>& p) {
 /// Both of a vertex, or one of several attributes.
 void fill(const VertexSection& section, const VertexBatch& batch, std::byte* out) {
     const std::byte* attributes = batch.attributes.data() + section.first;
-    for (std::array<float, 3> position : batch.positions) {
+    for (const std::array<float, 3>& position : batch.positions) {
         if (section.position) {
-            position = section.turned ? turned(position) : position;
-            out = put(section.scale == 1 ? position : scaled(position, section.scale), out);
+            out = put(is_as_it_comes(section) ? position : placed(position, section), out);
         }
         if (section.turned && section.normal != VertexSection::kNoNormal) {
             std::array<float, 3> normal{};
@@ -141,30 +150,50 @@ void fill(const ElementSection& section, const ElementBatch& batch, std::byte* o
 
 /// Into OutputFile or SharedFile.
 template <class File>
-void write_rows(const File& file, const Sections& sections, const VertexBatch& batch) {
+Base64Rows::Write letters_into(const File& file) {
+    return [&file](std::uint64_t place, std::span<const std::byte> letters) {
+        file.write_at(place, letters);
+    };
+}
+
+/// `at`: bytes from the beginning of the file, or of an array in base64.
+template <class File>
+void write(const File& file, Base64Rows& base64, const Base64Array& array, std::uint64_t at,
+           std::span<const std::byte> rows) {
+    if (array.bytes > 0) {
+        base64.put(array, at, rows, letters_into(file));
+    } else {
+        file.write_at(at, rows);
+    }
+}
+
+template <class File>
+void write_rows(const File& file, const Sections& sections, Base64Rows& base64,
+                const VertexBatch& batch) {
     for (const VertexSection& section : sections.vertices) {
         const std::uint64_t at = section.offset + batch.first * section.stride();
-        const bool as_it_comes = !section.turned;
-        if (section.bytes == 0 && section.scale == 1 && as_it_comes) {
-            file.write_at(at, std::as_bytes(batch.positions));
-        } else if (!section.position && section.bytes == batch.row_bytes && as_it_comes) {
-            file.write_at(at, batch.attributes);
+        if (section.bytes == 0 && is_as_it_comes(section)) {
+            write(file, base64, section.base64, at, std::as_bytes(batch.positions));
+        } else if (!section.position && section.bytes == batch.row_bytes && !section.turned) {
+            write(file, base64, section.base64, at, batch.attributes);
         } else {
             const std::size_t bytes = batch.positions.size() * section.stride();
             const auto rows = std::make_unique_for_overwrite<std::byte[]>(bytes);
             fill(section, batch, rows.get());
-            file.write_at(at, {rows.get(), bytes});
+            write(file, base64, section.base64, at, {rows.get(), bytes});
         }
     }
 }
 
 template <class File>
-void write_rows(const File& file, const Sections& sections, const ElementBatch& batch) {
+void write_rows(const File& file, const Sections& sections, Base64Rows& base64,
+                const ElementBatch& batch) {
     for (const ElementSection& section : sections.elements) {
         const std::size_t bytes = batch.corners.size() * section.stride;
         const auto rows = std::make_unique_for_overwrite<std::byte[]>(bytes);
         fill(section, batch, rows.get());
-        file.write_at(section.offset + batch.first * section.stride, {rows.get(), bytes});
+        write(file, base64, section.base64, section.offset + batch.first * section.stride,
+              {rows.get(), bytes});
     }
 }
 
@@ -278,14 +307,32 @@ void SectionedFile::use(Sections sections, const MeshLayout& layout) {
         section.turned = is_turned();
     }
     sections_ = std::move(sections);
+    static_cast<void>(base64_.take());  // of a mesh that was not finished
+}
+
+void SectionedFile::put(const Base64Array& array, std::uint64_t at,
+                        std::span<const std::byte> bytes) {
+    base64_.put(array, at, bytes, letters_into(file()));
 }
 
 void SectionedFile::add_vertices(const VertexBatch& batch) {
-    write_rows(file(), sections_, batch);
+    write_rows(file(), sections_, base64_, batch);
 }
 
 void SectionedFile::add_elements(const ElementBatch& batch) {
-    write_rows(file(), sections_, batch);
+    write_rows(file(), sections_, base64_, batch);
+}
+
+void SectionedFile::include(std::string_view loose_ends) {
+    base64_.include(loose_ends, letters_into(file()));
+}
+
+void SectionedFile::end() {
+    if (!base64_.is_complete()) {
+        throw Error(ErrorKind::invalid_argument, {path().string()},
+                    "some rows of the mesh did not come");
+    }
+    MeshFile::end();
 }
 
 std::string SectionedFile::share() {
@@ -298,11 +345,11 @@ RowWriter::RowWriter(std::string_view shared) : file_(name_in(shared)) {
 }
 
 void RowWriter::add_vertices(const VertexBatch& batch) {
-    write_rows(file_, sections_, batch);
+    write_rows(file_, sections_, base64_, batch);
 }
 
 void RowWriter::add_elements(const ElementBatch& batch) {
-    write_rows(file_, sections_, batch);
+    write_rows(file_, sections_, base64_, batch);
 }
 
 }  // namespace isonest::detail

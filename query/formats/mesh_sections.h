@@ -11,6 +11,7 @@
 #include <string_view>
 #include <vector>
 
+#include "query/formats/base64_rows.h"
 #include "query/formats/mesh_files.h"
 #include "store/files/shared_file.h"
 
@@ -22,7 +23,10 @@ struct VertexSection {
     bool position = false;
     std::size_t first = 0;  ///< of the attributes' bytes
     std::size_t bytes = 0;
-    double scale = 1;  ///< of the position
+    double scale = 1;    ///< of the position
+    Double3 shift = {};  ///< added to it before
+    /// Where the rows are in base64, the whole array; `offset` counts its bytes then.
+    Base64Array base64 = {};
     /// x and y of the position are negated, and of the normal, whose first byte in a row of
     /// attributes this is; none: the section has no normal.
     bool turned = false;
@@ -50,7 +54,8 @@ struct ElementSection {
     bool has_prefix = false;  ///< corners32: behind the byte `prefix`
     bool has_sides = false;   ///< corners32: before the labels of both sides, int32
     std::byte prefix{};
-    bool turned = false;  ///< facet: x and y of the corners are negated
+    bool turned = false;      ///< facet: x and y of the corners are negated
+    Base64Array base64 = {};  ///< as of VertexSection
 };
 /// The numbers of the first `corners` corners, int64; and for each cell how many there are so far.
 ElementSection connectivity_section(std::uint64_t offset, std::size_t corners);
@@ -71,7 +76,7 @@ struct Sections {
     std::vector<VertexSection> vertices;
     std::vector<ElementSection> elements;
 
-    /// Moves all by the length of what stands before them.
+    /// Moves all by the length of what stands before them. REQUIRES: none is in base64.
     void shift(std::uint64_t by);
 };
 
@@ -82,16 +87,23 @@ class SectionedFile : public MeshFile {
     void add_vertices(const VertexBatch& batch) override;
     void add_elements(const ElementBatch& batch) override;
     [[nodiscard]] bool concurrent() const override { return true; }
+    void end() override;
     /// After begin(): other processes write some of the rows, by RowWriter, until end(). Returns
     /// what they need. Throws Error{io}.
     std::string share();
+    /// What RowWriter::loose_ends() says in one of them, after its end() and before that of the
+    /// file. Throws Error{io}.
+    void include(std::string_view loose_ends);
 
   protected:
-    /// `layout`: of the mesh.
+    /// Once the file is there. `layout`: of the mesh.
     void use(Sections sections, const MeshLayout& layout);
+    /// Bytes of an array in base64 that are in no row.
+    void put(const Base64Array& array, std::uint64_t at, std::span<const std::byte> bytes);
 
   private:
     Sections sections_;
+    Base64Rows base64_;
 };
 
 /// Writes rows of a file that another process has created and publishes. The layout that begin()
@@ -105,10 +117,13 @@ class RowWriter : public MeshSink {
     void add_elements(const ElementBatch& batch) override;
     void end() override { file_.close(); }
     [[nodiscard]] bool concurrent() const override { return true; }
+    /// What of the file other processes have to complete, for SectionedFile::include() there.
+    [[nodiscard]] std::string loose_ends() { return base64_.take(); }
 
   private:
     SharedFile file_;
     Sections sections_;
+    Base64Rows base64_;
 };
 
 }  // namespace isonest::detail

@@ -1,35 +1,75 @@
-// VTK XML PolyData with appended raw data. The format: Kitware, "VTK File Formats".
+// VTK XML PolyData with binary data in the XML, which every version of VTK reads with every version
+// of expat; not so raw appended data, which is no XML. The format: Kitware, "VTK File Formats".
 #include <fmt/format.h>
+
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "query/formats/mesh_sections.h"
 
 namespace isonest::detail {
 namespace {
 
-/// Collects the arrays of the appended data, each behind its length in bytes.
-struct Appended {
-    std::string xml;
-    std::uint64_t end = 0;
-    std::vector<std::pair<std::uint64_t, std::uint64_t>> lengths;  ///< offset, bytes
+/// Collects the XML and the places of the arrays in it, each of which is base64 of its length in
+/// bytes (uint64) and the numbers, in one.
+class Inline {
+  public:
+    explicit Inline(std::string xml) : xml_(std::move(xml)) {}
 
-    /// Returns the offset of the array's data.
-    std::uint64_t add(const char* type, std::string_view name, std::size_t components,
-                      std::uint64_t bytes) {
-        xml += fmt::format(
-            "<DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" "
-            "offset=\"{}\"/>\n",
-            type, name, components, end);
-        lengths.emplace_back(end, bytes);
-        const std::uint64_t data = end + sizeof(std::uint64_t);
-        end = data + bytes;
-        return data;
+    Inline& operator+=(std::string_view xml) {
+        xml_ += xml;
+        return *this;
+    }
+    Base64Array add(const char* type, std::string_view name, std::size_t components,
+                    std::uint64_t bytes) {
+        xml_ += fmt::format(
+            "<DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"binary\">\n",
+            type, name, components);
+        keep_text();
+        const Base64Array array{end_, kLength + bytes};
+        end_ += array.letters();
+        arrays_.push_back(array);
+        xml_ = "\n</DataArray>\n";
+        return array;
     }
     /// With so many rows.
-    std::uint64_t add(const VertexAttribute& a, std::uint64_t rows) {
+    Base64Array add(const VertexAttribute& a, std::uint64_t rows) {
         return add(a.is_double ? "Float64" : "Float32", a.name,
                    static_cast<std::size_t>(a.components), rows * a.bytes());
     }
+    /// Calls text(place, xml) for all XML, and array(array, length) for the lengths.
+    template <class Text, class Array>
+    void write(const Text& text, const Array& array) {
+        keep_text();
+        for (const auto& [place, xml] : texts_) {
+            text(place, xml);
+        }
+        for (const Base64Array& a : arrays_) {
+            array(a, a.bytes - kLength);
+        }
+    }
+    static constexpr std::uint64_t kLength = sizeof(std::uint64_t);
+
+  private:
+    void keep_text() {
+        texts_.emplace_back(end_, xml_);
+        end_ += xml_.size();
+        xml_.clear();
+    }
+    std::string xml_;  ///< that has no place yet
+    std::vector<std::pair<std::uint64_t, std::string>> texts_;
+    std::vector<Base64Array> arrays_;
+    std::uint64_t end_ = 0;
 };
+
+/// Of an array that Inline has added.
+template <class Section>
+Section in_base64(Section section, const Base64Array& array) {
+    section.offset = Inline::kLength;
+    section.base64 = array;
+    return section;
+}
 
 /// A text of the field data, byte by byte; nothing if it is empty.
 std::string text_field(const char* name, std::string_view text) {
@@ -41,8 +81,7 @@ std::string text_field(const char* name, std::string_view text) {
         bytes += fmt::format("{} ", static_cast<int>(static_cast<unsigned char>(c)));
     }
     return fmt::format(
-        "<DataArray type=\"String\" Name=\"{}\" NumberOfTuples=\"1\" "
-        "format=\"ascii\">{}0</DataArray>\n",
+        "<Array type=\"String\" Name=\"{}\" NumberOfTuples=\"1\" format=\"ascii\">{}0</Array>\n",
         name, bytes);
 }
 
@@ -73,54 +112,53 @@ class VtpFile : public SectionedFile {
         const std::size_t corners = lines ? 2 : 3;
         const std::string cells = lines ? "Lines" : "Polys";
         Sections sections;
-        Appended data;
-        data.xml = fmt::format(
-            "<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"1.0\" "
-            "byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<PolyData>\n{}"
-            "<Piece NumberOfPoints=\"{}\" NumberOfVerts=\"0\" NumberOfLines=\"{}\" "
-            "NumberOfStrips=\"0\" NumberOfPolys=\"{}\">\n",
-            field_data(layout.unit, layout.frame, title(), color()), nv, lines ? nt : 0,
-            lines ? 0 : nt);
-        data.xml += fmt::format("<PointData{}{}>\n",
-                                layout.find("normal") != nullptr ? " Normals=\"normal\"" : "",
-                                layout.find("value") != nullptr   ? " Scalars=\"value\""
-                                : layout.find("error") != nullptr ? " Scalars=\"error\""
-                                                                  : "");
+        Inline data(
+            fmt::format("<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"1.0\" "
+                        "byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<PolyData>\n{}"
+                        "<Piece NumberOfPoints=\"{}\" NumberOfVerts=\"0\" NumberOfLines=\"{}\" "
+                        "NumberOfStrips=\"0\" NumberOfPolys=\"{}\">\n",
+                        field_data(layout.unit, layout.frame, title(), color()), nv, lines ? nt : 0,
+                        lines ? 0 : nt));
+        data += fmt::format("<PointData{}{}>\n",
+                            layout.find("normal") != nullptr ? " Normals=\"normal\"" : "",
+                            layout.find("value") != nullptr   ? " Scalars=\"value\""
+                            : layout.find("error") != nullptr ? " Scalars=\"error\""
+                                                              : "");
         for (const VertexAttribute& a : layout.attributes) {
-            sections.vertices.push_back(attribute_section(data.add(a, nv), a));
+            sections.vertices.push_back(in_base64(attribute_section(0, a), data.add(a, nv)));
         }
-        data.xml += fmt::format("</PointData>\n<CellData{}>\n",
-                                layout.has_sides ? " Scalars=\"BoundaryLabels\"" : "");
+        data += fmt::format("</PointData>\n<CellData{}>\n",
+                            layout.has_sides ? " Scalars=\"BoundaryLabels\"" : "");
         for (const VertexAttribute& a : layout.attributes) {
             if (a.same_in_element) {
-                sections.elements.push_back(common_section(data.add(a, nt), a));
+                sections.elements.push_back(in_base64(common_section(0, a), data.add(a, nt)));
             }
         }
         if (layout.has_sides) {
-            sections.elements.push_back(sides_section(
-                data.add("Int64", "BoundaryLabels", 2, nt * 2 * sizeof(std::int64_t))));
+            sections.elements.push_back(
+                in_base64(sides_section(0),
+                          data.add("Int64", "BoundaryLabels", 2, nt * 2 * sizeof(std::int64_t))));
         }
-        data.xml += "</CellData>\n<Points>\n";
-        sections.vertices.push_back(
-            position_section(data.add("Float32", "points", 3, nv * 3 * sizeof(float))));
-        data.xml += fmt::format("</Points>\n<{}>\n", cells);
-        sections.elements.push_back(connectivity_section(
-            data.add("Int64", "connectivity", 1, nt * corners * sizeof(std::int64_t)), corners));
+        data += "</CellData>\n<Points>\n";
+        sections.vertices.push_back(in_base64(
+            position_section(0), data.add("Float32", "points", 3, nv * 3 * sizeof(float))));
+        data += fmt::format("</Points>\n<{}>\n", cells);
         sections.elements.push_back(
-            ends_section(data.add("Int64", "offsets", 1, nt * sizeof(std::int64_t)), corners));
-        data.xml +=
-            fmt::format("</{}>\n</Piece>\n</PolyData>\n<AppendedData encoding=\"raw\">\n_", cells);
+            in_base64(connectivity_section(0, corners),
+                      data.add("Int64", "connectivity", 1, nt * corners * sizeof(std::int64_t))));
+        sections.elements.push_back(in_base64(
+            ends_section(0, corners), data.add("Int64", "offsets", 1, nt * sizeof(std::int64_t))));
+        data += fmt::format("</{}>\n</Piece>\n</PolyData>\n</VTKFile>\n", cells);
 
         const OutputFile& out = create();
-        out.write_at(0, std::as_bytes(std::span(data.xml)));
-        const std::uint64_t base = data.xml.size();
-        for (const auto& [offset, bytes] : data.lengths) {
-            out.write_at(base + offset, std::as_bytes(std::span(&bytes, 1)));
-        }
-        const std::string tail = "\n</AppendedData>\n</VTKFile>\n";
-        out.write_at(base + data.end, std::as_bytes(std::span(tail)));
-        sections.shift(base);
         use(std::move(sections), layout);
+        data.write(
+            [&](std::uint64_t place, const std::string& xml) {
+                out.write_at(place, std::as_bytes(std::span(xml)));
+            },
+            [&](const Base64Array& array, std::uint64_t bytes) {
+                put(array, 0, std::as_bytes(std::span(&bytes, 1)));
+            });
     }
 
   protected:

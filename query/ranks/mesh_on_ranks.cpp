@@ -39,8 +39,11 @@ struct SharedLayout {
     bool measures_angles = false;
 };
 
-/// Adds what all ranks have measured to what rank 0 has, once their rows are on the disk.
-void gather_sums(Communicator& ranks, MeasuringSink& measuring) {
+/// Adds what all ranks have measured to what rank 0 has, once their rows are on the disk, and
+/// completes what several of them have a part of. `loose_ends`: of another rank's rows. `file`: of
+/// rank 0, else null.
+void gather_sums(Communicator& ranks, MeasuringSink& measuring, const std::string& loose_ends,
+                 SectionedFile* file) {
     bool is_sent = ranks.rank() == 0;
     ranks.exchange(
         [&](Communicator::Message& message) {
@@ -48,14 +51,18 @@ void gather_sums(Communicator& ranks, MeasuringSink& measuring) {
                 return false;
             }
             is_sent = true;
-            const std::string sums = measuring.sums();
+            const std::string own = measuring.sums();
+            const std::string sums = text_of_value(own.size()) + own + loose_ends;
             const auto bytes = std::as_bytes(std::span(sums));
             message = {0, {bytes.begin(), bytes.end()}};
             return true;
         },
         ranks.rank() == 0 ? static_cast<std::uint64_t>(ranks.size()) - 1 : 0,
         [&](int /*from*/, std::span<const std::byte> bytes) {
-            measuring.include({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+            const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+            const auto size = value_of_text<std::size_t>(text);
+            measuring.include(text.substr(sizeof(size), size));
+            file->include(text.substr(sizeof(size) + size));
         });
 }
 
@@ -114,7 +121,7 @@ MeshOnRanks mesh_on_ranks(RankTeam& team, PartStore& parts, std::optional<ApartR
                               measuring.measures_angles()};
     team.ranks.broadcast(text_of_value(shared) + file_behind(sink)->share());
     emit_own(team, parts, welded.weld(), sink, progress);
-    gather_sums(team.ranks, measuring);
+    gather_sums(team.ranks, measuring, {}, file_behind(sink));
     sink.end();
     team.work.writing_seconds += seconds_since(start);
     return {layout.vertices, layout.elements, welded.apart()};
@@ -142,7 +149,7 @@ void help_with_mesh(RankTeam& team, PartStore& parts, const ScratchFolder& folde
     measuring.end();
     // What is left is rank 0's; once it has this rank's sums, it publishes the mesh.
     team.ranks.ignore_stop(true);
-    gather_sums(team.ranks, measuring);
+    gather_sums(team.ranks, measuring, rows.loose_ends(), nullptr);
     team.work.writing_seconds += seconds_since(start);
 }
 

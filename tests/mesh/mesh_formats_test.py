@@ -2,6 +2,7 @@
 
 Usage: mesh_formats_test.py ISONEST PLUGIN_FOLDER
 """
+import base64
 import json
 import pathlib
 import struct
@@ -37,6 +38,28 @@ def vtk_mesh(reader, path):
         np.zeros((0, 3), "f4")
     polys = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
     return points, polys, data
+
+
+def vtp_arrays(path):
+    """Those of a .vtp by name, read as XML that has nothing but letters in it, and the texts of its field data."""
+    root = ElementTree.fromstring(path.read_bytes())
+    assert root.attrib == {"type": "PolyData", "version": "1.0", "byte_order": "LittleEndian", "header_type": "UInt64"}
+    assert not root.findall(".//AppendedData")
+    arrays, texts = {}, {}
+    for element in root.iter("DataArray"):
+        if element.get("format") == "ascii":
+            continue
+        assert element.get("format") == "binary" and element.get("type") != "String", element.attrib
+        raw = base64.b64decode(element.text.strip(), validate=True)
+        assert struct.unpack_from("<Q", raw)[0] == len(raw) - 8, element.attrib
+        kind = {"Float32": "<f4", "Float64": "<f8", "Int64": "<i8"}[element.get("type")]
+        arrays[element.get("Name")] = np.frombuffer(raw, kind, offset=8)
+    for element in root.iter("Array"):
+        assert element.get("type") == "String" and element.get("NumberOfTuples") == "1"
+        *codes, end = map(int, element.text.split())
+        assert end == 0
+        texts[element.get("Name")] = bytes(codes).decode()
+    return arrays, texts
 
 
 def corners(points, triangles):
@@ -137,6 +160,11 @@ with tempfile.TemporaryDirectory() as name:
     value = vtk_to_numpy(vtp.GetPointData().GetArray("value"))
     error = vtk_to_numpy(vtp.GetPointData().GetArray("error"))
     assert np.array_equal(vtk_to_numpy(vtp.GetPointData().GetNormals()), normals)
+    arrays, texts = vtp_arrays(folder / "m.vtp")
+    assert texts == {} and set(arrays) == {"normal", "value", "error", "points", "connectivity", "offsets"}
+    assert np.array_equal(arrays["points"].reshape(-1, 3), points) and np.array_equal(arrays["value"], value)
+    assert np.array_equal(arrays["connectivity"].reshape(-1, 3), polys)
+    assert np.array_equal(arrays["offsets"], 3 * np.arange(1, len(polys) + 1))
     assert np.abs(value - 0.5).max() <= 1e-5, "the store's own value at its isosurface's vertices"
     assert (error >= 0).all() and error.max() > 0
 
@@ -177,11 +205,27 @@ with tempfile.TemporaryDirectory() as name:
     for text, number in zip(np.ravel(printed), points.ravel()):
         assert digits(text) == digits(np.format_float_scientific(number)), (text, number)
 
+    # Rows of .vtp that end within three bytes, from many parts and batches at once.
+    run("preprocess", folder / "v.h5", "-o", folder / "um", "--chunk", 16, "--unit", "um")
+    forms = {}
+    for options in ((), ("--threads", 1), ("--threads", 3, "--memory", "20M")):
+        for extra in ((), ("--vertex-values", folder / "um"), ("--components", "largest")):
+            run("extract", folder / "um", "--iso", 0.5, "-o", folder / "f.vtp", *options, *extra)
+            whole = (folder / "f.vtp").read_bytes()
+            assert forms.setdefault(extra, whole) == whole, (options, extra)
+    run("extract", folder / "um", "--iso", 0.5, "-o", folder / "f.ply")
+    points, polys, _ = vtk_mesh(vtkPLYReader(), folder / "f.ply")
+    run("extract", folder / "um", "--iso", 0.5, "-o", folder / "f.vtp")
+    vtp_points, vtp_polys, vtp = vtk_mesh(vtkXMLPolyDataReader(), folder / "f.vtp")
+    assert np.array_equal(vtp_polys, polys) and np.array_equal(vtp_points, points) and len(points) > 5000
+    assert vtp.GetFieldData().GetAbstractArray("unit").GetValue(0) == "um" == vtp_arrays(folder / "f.vtp")[1]["unit"]
+
     # Empty meshes are files of their kind too.
     for end in ("ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf"):
         r = run("extract", store, "--iso", 99, "-o", folder / f"e.{end}", "--json")
         assert r["triangles"] == 0 and (folder / f"e.{end}").stat().st_size > 0
     assert vtk_mesh(vtkXMLPolyDataReader(), folder / "e.vtp")[2].GetNumberOfPolys() == 0
+    assert {len(array) for array in vtp_arrays(folder / "e.vtp")[0].values()} == {0}
     assert glb(folder / "e.glb") is None and three_mf(folder / "e.3mf") is None
     refusals = []
     for end, whole in (("e.glb", False), ("m.glb", True)):

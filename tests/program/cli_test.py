@@ -2,6 +2,7 @@
 
 Usage: cli_test.py ISONEST PLUGIN_FOLDER
 """
+import base64
 import json
 import os
 import pathlib
@@ -564,6 +565,18 @@ class Cli(unittest.TestCase):
                 fine = (0, 4, 5) if end in ("obj", "ngmesh") else (2, 4, 5)
                 self.assertIn(done.returncode, fine, (end, cut, done.stderr))
             mesh.unlink()
+        # As versions before 0.5 wrote it.
+        self.ok("extract", "b.isonest", "--iso", "0.5", "-o", "m.vtp")
+        text, appended = (self.here / "m.vtp").read_text(), b""
+        for array in re.findall(r'format="binary">\n.*?</DataArray>', text, re.DOTALL):
+            text = text.replace(array, f'format="appended" offset="{len(appended)}"/>')
+            appended += base64.b64decode(array.split("\n")[1])
+        head, tail = text.split("</VTKFile>")
+        (self.here / "m.vtp").write_bytes(f'{head}<AppendedData encoding="raw">\n_'.encode() + appended +
+                                          f"\n</AppendedData>\n</VTKFile>{tail}".encode())
+        self.ok("picture", "m.vtp", "-o", "p.png", *options)
+        self.assertEqual((self.here / "p.png").read_bytes(), smooth)
+        (self.here / "m.vtp").unlink()
         for end in ("ply", "glb", "vtp", "vtkhdf"):
             self.ok("extract", "b.isonest", "--iso", "0.5", "--error", "0.05", "-o", f"v.{end}", "--vertex-values", "b.isonest")
             shown = self.json("picture", f"v.{end}", "-o", "p.png", *options)

@@ -1,11 +1,14 @@
-// Meshes whose arrays lie in a file as they are: binary glTF, VTK XML (raw appended), VTKHDF.
+// Meshes whose arrays lie in a file as they are, or in base64: binary glTF, VTK XML, VTKHDF.
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <charconv>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <string_view>
+#include <vector>
 
 #include <isonest/error.h>
 
@@ -22,27 +25,69 @@ struct Numbers {
     std::uint64_t offset = 0;
     std::uint64_t count = 0;
     Number type = Number::f32;
+    bool base64 = false;  ///< `offset` is that of the letters; a length of 8 bytes comes first
 };
+constexpr std::uint64_t kVtkLength = 8;
 
 std::uint64_t size_of(Number type) {
     return type == Number::u16 ? 2 : type == Number::f64 || type == Number::i64 ? 8 : 4;
 }
 
+/// Letters of base64 for so many bytes.
+std::uint64_t letters_of(std::uint64_t bytes) {
+    return bytes / 3 * 4 + (bytes % 3 > 0 ? 4 : 0);
+}
+
+/// The six bits that a letter of base64 stands for.
+unsigned bits_of(const MeshBytes& bytes, std::uint64_t place) {
+    const char c = bytes.number<char>(place);
+    if (c >= 'A' && c <= 'Z') {
+        return static_cast<unsigned>(c - 'A');
+    }
+    if (c >= 'a' && c <= 'z') {
+        return static_cast<unsigned>(c - 'a' + 26);
+    }
+    if (c >= '0' && c <= '9') {
+        return static_cast<unsigned>(c - '0' + 52);
+    }
+    if (c != '+' && c != '/') {
+        bytes.fail(fmt::format("byte {} is no letter of base64", place));
+    }
+    return c == '+' ? 62 : 63;
+}
+
+/// The number from byte `at` on of what the letters from `place` on stand for.
+template <class T>
+T base64_number(const MeshBytes& bytes, std::uint64_t place, std::uint64_t at) {
+    std::array<std::byte, sizeof(T)> out{};
+    for (std::byte& byte : out) {
+        const std::uint64_t bit = 8 * at++;  // from this bit of the letters on
+        const unsigned pair =
+            bits_of(bytes, place + bit / 6) << 6U | bits_of(bytes, place + bit / 6 + 1);
+        byte = static_cast<std::byte>(pair >> (4 - bit % 6) & 0xFFU);
+    }
+    return std::bit_cast<T>(out);
+}
+
+template <class T>
+T number(const MeshBytes& bytes, const Numbers& numbers, std::uint64_t i) {
+    return numbers.base64 ? base64_number<T>(bytes, numbers.offset, kVtkLength + i * sizeof(T))
+                          : bytes.number<T>(numbers.offset + i * sizeof(T));
+}
+
 double real(const MeshBytes& bytes, const Numbers& numbers, std::uint64_t i) {
-    const std::uint64_t at = numbers.offset + i * size_of(numbers.type);
-    return numbers.type == Number::f64 ? bytes.number<double>(at)
-                                       : static_cast<double>(bytes.number<float>(at));
+    return numbers.type == Number::f64 ? number<double>(bytes, numbers, i)
+                                       : static_cast<double>(number<float>(bytes, numbers, i));
 }
 
 std::uint64_t whole(const MeshBytes& bytes, const Numbers& numbers, std::uint64_t i) {
-    const std::uint64_t at = numbers.offset + i * size_of(numbers.type);
     switch (numbers.type) {
         case Number::u16:
-            return bytes.number<std::uint16_t>(at);
+            return number<std::uint16_t>(bytes, numbers, i);
         case Number::i64:
-            return bytes.number<std::uint64_t>(at);
+            return number<std::uint64_t>(bytes, numbers, i);
         default:
-            return bytes.number<std::uint32_t>(at);
+            return number<std::uint32_t>(bytes, numbers, i);
     }
 }
 
@@ -55,7 +100,8 @@ void read_arrays(const MeshBytes& bytes, const Numbers& points, const std::optio
         if (n->count > bytes.size() / size_of(n->type)) {
             bytes.fail(fmt::format("an array of {} numbers does not fit into the file", n->count));
         }
-        static_cast<void>(bytes.at(n->offset, n->count * size_of(n->type)));
+        const std::uint64_t size = n->count * size_of(n->type);
+        static_cast<void>(bytes.at(n->offset, n->base64 ? letters_of(kVtkLength + size) : size));
     }
     for (std::uint64_t i = 0; i < points.count / 3; ++i) {
         if (i % 65536 == 0) {
@@ -166,53 +212,89 @@ void read_glb(const std::filesystem::path& path, PlyScratch& to, Progress& progr
     }
 }
 
-/// PolyData with raw appended arrays of 64-bit headers that are not packed, as isonest writes it.
+/// PolyData with arrays of 64-bit headers that are not packed, as isonest writes them: in base64 in
+/// the XML, or, until version 0.4, raw and appended.
 void read_vtp(const std::filesystem::path& path, PlyScratch& to, Progress& progress) {
     const MeshBytes bytes(path);
-    constexpr std::uint64_t kLongestHead = std::uint64_t{1} << 20U;
-    const std::uint64_t head = std::min(bytes.size(), kLongestHead);
-    const std::string_view text(reinterpret_cast<const char*>(bytes.at(0, head)), head);
-    const std::size_t appended = text.find("<AppendedData encoding=\"raw\"");
-    const std::size_t data =
-        appended == std::string_view::npos ? appended : text.find('_', appended);
-    if (data == std::string_view::npos || text.find("header_type=\"UInt64\"") > appended ||
-        text.find("compressor=") < appended || text.find("LittleEndian") > appended) {
+    const std::string_view text(reinterpret_cast<const char*>(bytes.at(0, bytes.size())),
+                                bytes.size());
+    const auto refuse = [&] {
         throw Error(ErrorKind::unsupported, {path.string()},
-                    "of .vtp files those with raw appended data are read: 64-bit headers, little "
-                    "endian, not compressed");
-    }
+                    "of .vtp files those are read whose arrays are binary, or raw and appended, "
+                    "with 64-bit headers, little endian, not compressed");
+    };
     std::optional<Numbers> points;
     std::optional<Numbers> value;
     std::optional<Numbers> corners;
     std::optional<Numbers> ends;
+    std::vector<Numbers*> appended;
     std::string_view section;
-    for (std::size_t at = text.find('<'); at < appended; at = text.find('<', at + 1)) {
-        const std::string_view tag = text.substr(at, text.find('>', at) - at);
+    bool is_ours = false;
+    for (std::size_t at = text.find('<'); at != std::string_view::npos; at = text.find('<', at)) {
+        const std::size_t end = text.find('>', at);
+        const std::string_view tag = text.substr(at, end - at);
+        at = std::min(end, text.size());
+        if (tag.starts_with("<VTKFile")) {
+            is_ours = text_of(tag, "header_type") == "UInt64" &&
+                      text_of(tag, "byte_order") == "LittleEndian" &&
+                      text_of(tag, "compressor").empty();
+        }
         for (const std::string_view name : {"<PointData", "<Points", "<Polys", "<CellData"}) {
             section = tag.starts_with(name) ? name : section;
+        }
+        if (tag.starts_with("<AppendedData")) {
+            const std::size_t data = text.find('_', at);
+            if (text_of(tag, "encoding") != "raw" || data == std::string_view::npos) {
+                refuse();
+            }
+            for (Numbers* const numbers : appended) {
+                const std::uint64_t head = data + 1 + numbers->offset;
+                numbers->count = bytes.number<std::uint64_t>(head) / size_of(numbers->type);
+                numbers->offset = head + kVtkLength;
+            }
+            appended.clear();
+            break;
         }
         if (!tag.starts_with("<DataArray")) {
             continue;
         }
-        const std::uint64_t offset = data + 1 + whole_of(text_of(tag, "offset"));
+        const std::string_view name = text_of(tag, "Name");
+        std::optional<Numbers>* const wanted = section == "<Points" ? &points
+                                               : section == "<PointData" && name == "value" ? &value
+                                               : section == "<Polys" && name == "connectivity"
+                                                   ? &corners
+                                               : section == "<Polys" && name == "offsets" ? &ends
+                                                                                          : nullptr;
         const std::string_view type = text_of(tag, "type");
         Numbers numbers;
         numbers.type = type == "Float64" ? Number::f64
                        : type == "Int64" ? Number::i64
                        : type == "Int32" ? Number::i32
                                          : Number::f32;
-        numbers.offset = offset + 8;
-        numbers.count = bytes.number<std::uint64_t>(offset) / size_of(numbers.type);
-        const std::string_view name = text_of(tag, "Name");
-        if (section == "<Points") {
-            points = numbers;
-        } else if (section == "<PointData" && name == "value") {
-            value = numbers;
-        } else if (section == "<Polys" && name == "connectivity") {
-            corners = numbers;
-        } else if (section == "<Polys" && name == "offsets") {
-            ends = numbers;
+        const std::string_view format = text_of(tag, "format");
+        if (format == "appended") {
+            numbers.offset = whole_of(text_of(tag, "offset"));
+        } else if (format == "binary" && is_ours) {
+            const std::size_t begin = text.find_first_not_of("> \t\r\n", at);
+            numbers.base64 = true;
+            numbers.offset = std::min(begin, text.size());
+            const std::uint64_t length = base64_number<std::uint64_t>(bytes, numbers.offset, 0);
+            numbers.count = length / size_of(numbers.type);
+            // Other tags are behind it.
+            at = numbers.offset +
+                 std::min(letters_of(kVtkLength + length), bytes.size() - numbers.offset);
+        } else if (wanted != nullptr) {
+            refuse();
         }
+        if (wanted != nullptr) {
+            *wanted = numbers;
+            if (format == "appended") {
+                appended.push_back(&**wanted);
+            }
+        }
+    }
+    if (!is_ours || !appended.empty()) {
+        refuse();
     }
     if (!points || !corners || !ends) {
         bytes.fail("there are no points, or no polygons");
