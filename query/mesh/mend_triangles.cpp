@@ -1,8 +1,15 @@
 #include "query/mesh/mend_triangles.h"
 
+#include <oneapi/tbb/parallel_for.h>
+
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
+#include <mutex>
+#include <optional>
+#include <set>
+#include <type_traits>
 #include <vector>
 
 #include "query/mesh/link_condition.h"
@@ -63,32 +70,72 @@ class Waiting {
     std::uint64_t last_ = 0;
 };
 
+/// Corners of triangles in memory, as CornerFile has them.
+class CornersInMemory {
+  public:
+    explicit CornersInMemory(std::span<std::array<std::uint32_t, 3>> triangles)
+        : triangles_(triangles) {}
+    [[nodiscard]] std::uint64_t size() const { return triangles_.size(); }
+    [[nodiscard]] std::uint64_t at(std::uint64_t t, std::size_t i) const {
+        const std::uint32_t v = triangles_[t][i];
+        return v == kNoTriangle ? kNone : v;
+    }
+    [[nodiscard]] ElementCorners operator[](std::uint64_t t) const {
+        return {at(t, 0), at(t, 1), at(t, 2)};
+    }
+    void set(std::uint64_t t, std::size_t i, std::uint64_t v) const {
+        triangles_[t][i] = static_cast<std::uint32_t>(v);
+    }
+    void set(std::uint64_t t, const ElementCorners& corners) const {
+        for (std::size_t i = 0; i < corners.size(); ++i) {
+            set(t, i, corners[i]);
+        }
+    }
+
+  private:
+    std::span<std::array<std::uint32_t, 3>> triangles_;
+};
+
+/// `Corners`: CornerFile or CornersInMemory.
+template <class Corners>
 class Mender {
   public:
-    Mender(ScratchMesh& mesh, const Double3& least_step, const ScratchFolder& folder,
-           Progress& progress)
-        : positions_(mesh.changeable_positions()),
-          corners_(mesh.changeable_corners()),
+    Mender(std::span<Point> positions, Corners& corners, const NudgeRange& range,
+           const ScratchFolder& folder, Progress& progress)
+        : positions_(positions),
+          corners_(corners),
           stars_(positions_.size(), corners_.size(), folder),
           waiting_(corners_.size(), folder),
           start_file_(folder),
-          range_{least_step, mesh.layout().lo, mesh.layout().hi},
+          range_(range),
           progress_(progress) {
         start_file_.map(positions_.size() * sizeof(Start));
-        each([&](std::uint64_t t) {
-            if (lacks_area(t)) {
-                ++result_.found;
-                waiting_.push(t);
-                for (const std::uint64_t v : corners_[t]) {
-                    stars_.mark(v);
+        std::atomic<std::uint64_t> found = 0;
+        each_at_once([&](std::uint64_t t) { return lacks_area(t); },
+                     [&](std::uint64_t /*t*/) { ++found; });
+        result_.found = found;
+        if (result_.found < corners_.size() / kFew) {
+            suspects_.emplace();
+        }
+        in_order([&](std::uint64_t t) { return lacks_area(t); },
+                 [&](std::uint64_t t) {
+                     suspect(t);
+                     waiting_.push(t);
+                     for (const std::uint64_t v : corners_[t]) {
+                         stars_.mark(v);
+                     }
+                 });
+        in_order(
+            [&](std::uint64_t t) {
+                const ElementCorners c = corners_[t];
+                return is_there(t) &&
+                       (stars_.is_marked(c[0]) || stars_.is_marked(c[1]) || stars_.is_marked(c[2]));
+            },
+            [&](std::uint64_t t) {
+                for (std::size_t i = 0; i < 3; ++i) {
+                    stars_.add(3 * t + i, corners_.at(t, i));
                 }
-            }
-        });
-        each([&](std::uint64_t t) {
-            for (std::size_t i = 0; i < 3; ++i) {
-                stars_.add(3 * t + i, corners_.at(t, i));
-            }
-        });
+            });
     }
 
     MendedTriangles run() {
@@ -103,10 +150,68 @@ class Mender {
         each([&](std::uint64_t t) { result_.left += lacks_area(t) ? 1 : 0; });
         return result_;
     }
+    /// Vertices that were moved, some several times.
+    [[nodiscard]] const std::vector<std::uint64_t>& moved() const { return moved_; }
 
   private:
+    /// Suspects are kept where at most one in so many triangles is one: what is kept in memory
+    /// stays small beside the mesh.
+    static constexpr std::uint64_t kFew = 1024;
+
+    /// From now on `t` may lack area, or gain it.
+    void suspect(std::uint64_t t) {
+        if (suspects_) {
+            suspects_->insert(t);
+        }
+    }
+    /// Calls work(t), from any thread, for the triangles of which is_one(t) holds.
+    template <class IsOne, class Work>
+    void each_at_once(const IsOne& is_one, const Work& work) const {
+        constexpr std::uint64_t kAtOnce = std::uint64_t{1} << 16U;
+        tbb::parallel_for(std::uint64_t{0}, (corners_.size() + kAtOnce - 1) / kAtOnce,
+                          [&](std::uint64_t piece) {
+                              progress_.check();
+                              const std::uint64_t first = piece * kAtOnce;
+                              const std::uint64_t end = std::min(first + kAtOnce, corners_.size());
+                              for (std::uint64_t t = first; t < end; ++t) {
+                                  if (is_one(t)) {
+                                      work(t);
+                                  }
+                              }
+                          });
+    }
+    /// The same in ascending order, from this thread; is_one() is asked before any work.
+    template <class IsOne, class Work>
+    void in_order(const IsOne& is_one, const Work& work) {
+        if (!suspects_) {
+            each([&](std::uint64_t t) {
+                if (is_one(t)) {
+                    work(t);
+                }
+            });
+            return;
+        }
+        std::vector<std::uint64_t> found;
+        std::mutex mutex;
+        each_at_once(is_one, [&](std::uint64_t t) {
+            const std::lock_guard lock(mutex);
+            found.push_back(t);
+        });
+        std::sort(found.begin(), found.end());
+        std::for_each(found.begin(), found.end(), work);
+        progress_.advance(corners_.size());
+    }
+    /// All that may lack area; work() may make further ones suspects.
     template <class Work>
     void each(const Work& work) {
+        if (suspects_) {
+            for (auto t = suspects_->begin(); t != suspects_->end(); ++t) {
+                work(*t);
+            }
+            progress_.check();
+            progress_.advance(corners_.size());
+            return;
+        }
         for (std::uint64_t t = 0; t < corners_.size(); ++t) {
             if (t % kCheckEvery == 0) {
                 progress_.check();
@@ -155,6 +260,7 @@ class Mender {
         }
         stars_.corners_of(v, around_);
         for (const std::uint64_t corner : around_) {
+            suspect(corner / 3);
             look_again_at(corner / 3);
         }
     }
@@ -167,6 +273,7 @@ class Mender {
     }
 
     void rename(std::uint64_t corner, std::uint64_t to) {
+        suspect(corner / 3);
         stars_.remove(corner, vertex_of(corner));
         corners_.set(corner / 3, corner % 3, to);
         stars_.add(corner, to);
@@ -217,6 +324,7 @@ class Mender {
         stars_.corners_of(gone, around_);
         stars_.remove_all(gone);
         for (const std::uint64_t corner : around_) {
+            suspect(corner / 3);
             corners_.set(corner / 3, corner % 3, kept);
             stars_.add(corner, kept);
         }
@@ -330,6 +438,9 @@ class Mender {
         if (start.was_moved == 0) {
             start = {positions_[v], 1};
             ++result_.moved_vertices;
+            if constexpr (std::is_same_v<Corners, CornersInMemory>) {
+                moved_.push_back(v);
+            }
         }
         for (std::size_t axis = 0; axis < 3; ++axis) {
             const double by =
@@ -341,7 +452,7 @@ class Mender {
     }
 
     std::span<Point> positions_;
-    CornerFile& corners_;
+    Corners& corners_;
     VertexStars stars_;
     Waiting waiting_;
     ScratchFile start_file_;
@@ -351,16 +462,42 @@ class Mender {
     LinkEdges link_;
     LinkEdges other_link_;
     std::vector<std::uint64_t> around_;
+    std::optional<std::set<std::uint64_t>> suspects_;  ///< none: all triangles
+    std::vector<std::uint64_t> moved_;
 };
+
+void begin(Progress& progress, std::uint64_t triangles) {
+    constexpr std::uint64_t kPasses = 4;
+    progress.begin("mend triangles", kPasses * triangles, "triangles");
+}
 
 }  // namespace
 
 MendedTriangles mend_triangles(ScratchMesh& mesh, const Double3& least_step,
                                const ScratchFolder& folder, Progress& progress) {
-    constexpr std::uint64_t kPasses = 4;
-    progress.begin("mend triangles", kPasses * mesh.layout().elements, "triangles");
-    const MendedTriangles result = Mender(mesh, least_step, folder, progress).run();
+    begin(progress, mesh.layout().elements);
+    const MendedTriangles result =
+        Mender(mesh.changeable_positions(), mesh.changeable_corners(),
+               {least_step, mesh.layout().lo, mesh.layout().hi}, folder, progress)
+            .run();
     mesh.compact(folder, progress);
+    return result;
+}
+
+MendedTriangles mend_triangles(std::span<std::array<float, 3>> positions,
+                               std::span<std::array<std::uint32_t, 3>> triangles,
+                               const std::array<float, 3>& lo, const std::array<float, 3>& hi,
+                               const Double3& least_step,
+                               std::vector<std::uint32_t>& moved_vertices,
+                               const ScratchFolder& folder, Progress& progress) {
+    begin(progress, triangles.size());
+    CornersInMemory corners(triangles);
+    Mender mender(positions, corners, NudgeRange{least_step, lo, hi}, folder, progress);
+    const MendedTriangles result = mender.run();
+    moved_vertices.clear();
+    for (const std::uint64_t v : mender.moved()) {
+        moved_vertices.push_back(static_cast<std::uint32_t>(v));
+    }
     return result;
 }
 

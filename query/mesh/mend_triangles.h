@@ -9,7 +9,10 @@
 // without area, or fewer of them that are points, so that there is an end.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <span>
+#include <vector>
 
 #include <isonest/int3.h>
 #include <isonest/progress.h>
@@ -28,7 +31,6 @@ struct MendedTriangles {
     std::uint64_t left = 0;
     std::uint64_t moved_vertices = 0;
     Double3 moved{};  ///< most by which a coordinate changed, world units
-    /// Bytes of temporary files, at most.
 };
 
 /// Mends `mesh`; triangles and vertices that are left keep their order. `least_step`: no vertex is
@@ -36,6 +38,18 @@ struct MendedTriangles {
 /// in `folder`. The result depends on the mesh and `least_step` alone. REQUIRES: triangles. Throws
 /// Error{io, cancelled}.
 MendedTriangles mend_triangles(ScratchMesh& mesh, const Double3& least_step,
+                               const ScratchFolder& folder, Progress& progress);
+
+/// The same of a mesh in memory, whose triangles are not taken out: those that are to go have
+/// kNoTriangle in place of a corner, and vertices that no other one names stay. `moved_vertices`
+/// gets the vertices that were moved. `lo`, `hi`: the box of the mesh. Where few triangles are to
+/// be mended, all threads of the arena look for them.
+inline constexpr std::uint32_t kNoTriangle = 0xFFFFFFFFU;
+MendedTriangles mend_triangles(std::span<std::array<float, 3>> positions,
+                               std::span<std::array<std::uint32_t, 3>> triangles,
+                               const std::array<float, 3>& lo, const std::array<float, 3>& hi,
+                               const Double3& least_step,
+                               std::vector<std::uint32_t>& moved_vertices,
                                const ScratchFolder& folder, Progress& progress);
 
 }  // namespace isonest::detail

@@ -1,5 +1,7 @@
 #include "query/mesh/scratch_mesh.h"
 
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/parallel_for.h>
 #include <tsl/robin_map.h>
 
 #include <algorithm>
@@ -8,6 +10,7 @@
 #include <vector>
 
 #include "query/mesh/zero_area.h"
+#include "store/base/mixed_hash.h"
 
 namespace isonest::detail {
 namespace {
@@ -71,54 +74,94 @@ struct Copies {
     }
 };
 
-void emit_vertices(const ScratchMesh& mesh, const UsedVertices& used, MeshSink& sink,
-                   Progress& progress) {
-    Copies copies;
-    const auto vertices = used.vertices();
-    for (std::size_t at = 0; at < vertices.size(); at += kBatch) {
-        progress.check();
-        copies.clear();
-        for (const std::uint64_t v : vertices.subspan(at, std::min(kBatch, vertices.size() - at))) {
-            copies.add(mesh, v);
+/// Calls work(at, count) for batches of `size` rows: in order, or from all threads if the sink
+/// takes them so. `make()`: such a `work`, for some batches of one thread.
+template <class Make>
+void each_batch(std::size_t size, const MeshSink& sink, Progress& progress, const Make& make) {
+    const auto some = [&](std::size_t first, std::size_t last) {
+        auto work = make();
+        for (std::size_t batch = first; batch < last; ++batch) {
+            progress.check();
+            work(batch * kBatch, std::min(kBatch, size - batch * kBatch));
         }
-        sink.add_vertices(copies.batch(at, mesh.layout().row_bytes));
+    };
+    const std::size_t batches = (size + kBatch - 1) / kBatch;
+    if (!sink.concurrent()) {
+        some(0, batches);
+        return;
     }
+    constexpr std::size_t kAtOnce = 8;
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, batches, kAtOnce),
+                      [&](const auto& range) { some(range.begin(), range.end()); });
 }
 
-/// `number_of(vertex)`: under which number the sink has it.
+void emit_vertices(const ScratchMesh& mesh, const UsedVertices& used, MeshSink& sink,
+                   Progress& progress) {
+    const auto vertices = used.vertices();
+    each_batch(vertices.size(), sink, progress, [&] {
+        return [&, copies = Copies()](std::size_t at, std::size_t count) mutable {
+            copies.clear();
+            for (const std::uint64_t v : vertices.subspan(at, count)) {
+                copies.add(mesh, v);
+            }
+            sink.add_vertices(copies.batch(at, mesh.layout().row_bytes));
+        };
+    });
+}
+
+/// Batches of elements for a sink. `number_of(vertex)`: under which number the sink has it.
 template <class NumberOf>
-void emit_batches(const ScratchMesh& mesh, const CornerView& elements, const NumberOf& number_of,
-                  MeshSink& sink, Progress& progress) {
-    Copies nearby;
-    std::vector<ElementCorners> corners;
-    std::vector<std::array<std::uint32_t, 3>> nearby_corners;
-    tsl::robin_map<std::uint64_t, std::uint32_t> place;
-    for (std::size_t at = 0; at < elements.size(); at += kBatch) {
-        progress.check();
-        nearby.clear();
-        corners.clear();
-        nearby_corners.clear();
-        place.clear();
-        for (const ElementCorners e :
-             elements.subspan(at, std::min(kBatch, elements.size() - at))) {
+class ElementBatches {
+  public:
+    ElementBatches(const ScratchMesh& mesh, const CornerView& elements, const NumberOf& number_of,
+                   MeshSink& sink)
+        : mesh_(mesh), elements_(elements), number_of_(number_of), sink_(sink) {}
+
+    void operator()(std::size_t at, std::size_t count) {
+        nearby_.clear();
+        corners_.clear();
+        nearby_corners_.clear();
+        place_.clear();
+        for (const ElementCorners e : elements_.subspan(at, count)) {
             ElementCorners numbered{};
             std::array<std::uint32_t, 3> near{};
             for (std::size_t i = 0; i < 3; ++i) {
-                numbered[i] = number_of(e[i]);
+                numbered[i] = number_of_(e[i]);
                 const auto [slot, is_new] =
-                    place.try_emplace(e[i], static_cast<std::uint32_t>(nearby.positions.size()));
+                    place_.try_emplace(e[i], static_cast<std::uint32_t>(nearby_.positions.size()));
                 near[i] = slot->second;
                 if (is_new) {
-                    nearby.add(mesh, e[i]);
+                    nearby_.add(mesh_, e[i]);
                 }
             }
-            corners.push_back(numbered);
-            nearby_corners.push_back(near);
+            corners_.push_back(numbered);
+            nearby_corners_.push_back(near);
         }
-        sink.add_elements(
-            {at, corners, nearby_corners, nearby.batch(kNoNumber, mesh.layout().row_bytes)});
-        progress.advance(corners.size());
+        sink_.add_elements(
+            {at, corners_, nearby_corners_, nearby_.batch(kNoNumber, mesh_.layout().row_bytes)});
     }
+
+  private:
+    const ScratchMesh& mesh_;
+    const CornerView& elements_;
+    const NumberOf& number_of_;
+    MeshSink& sink_;
+    Copies nearby_;
+    std::vector<ElementCorners> corners_;
+    std::vector<std::array<std::uint32_t, 3>> nearby_corners_;
+    tsl::robin_map<std::uint64_t, std::uint32_t, MixedHash> place_;
+};
+
+template <class NumberOf>
+void emit_batches(const ScratchMesh& mesh, const CornerView& elements, const NumberOf& number_of,
+                  MeshSink& sink, Progress& progress) {
+    each_batch(elements.size(), sink, progress, [&] {
+        return [&, batches = ElementBatches<NumberOf>(mesh, elements, number_of, sink)](
+                   std::size_t at, std::size_t count) mutable {
+            batches(at, count);
+            progress.advance(count);
+        };
+    });
 }
 
 }  // namespace

@@ -11,6 +11,7 @@
 #include "query/mesh/scratch_mesh.h"
 #include "query/simplify/block_triangles.h"
 #include "query/simplify/patch.h"
+#include "store/base/mixed_hash.h"
 #include "store/files/scratch_file.h"
 
 namespace isonest::detail {
@@ -80,15 +81,9 @@ class PatchNumbering {
     }
 
   private:
-    struct Hash {
-        std::size_t operator()(std::uint64_t v) const {
-            const std::uint64_t h = v * 0x9E3779B97F4A7C15ULL;
-            return static_cast<std::size_t>(h ^ (h >> 32U));
-        }
-    };
     const ScratchMesh& mesh_;
     BlockPatch& block_;
-    tsl::robin_map<std::uint64_t, std::uint32_t, Hash> place_;
+    tsl::robin_map<std::uint64_t, std::uint32_t, MixedHash> place_;
 };
 
 /// Of each vertex of a patch, whose number in the mesh is `vertex`, whether triangles that are not

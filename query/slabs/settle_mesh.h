@@ -9,7 +9,8 @@
 
 namespace isonest::detail {
 
-/// Mends triangles without area, in another room, and keeps vertices apart that are in one place.
+/// Mends triangles without area, in another room, keeps vertices apart that are in one place, and
+/// gives a normal to those that have none.
 /// What it finds and changes is in the report, which has to have all else of `joined`. Throws
 /// Error{io, cancelled}, and what `make_room` throws.
 void settle_mesh(const JoinedMesh& joined, const MeshLayout& layout, const MakeRoom& make_room,

@@ -1,10 +1,12 @@
 #!/usr/bin/python3
 """The Python package beside scikit-image's marching_cubes and VTK's Flying Edges, from array to arrays.
 
-usage: python_peers.py BUILD SIZE [ROUNDS]
+usage: python_peers.py BUILD SIZE [ROUNDS [arrays]]
 
-The volume is a gyroid of SIZE^3 float32, isovalue 0.1. Every round runs all rows once; a figure is the median of
-the rounds, with the smallest and the largest behind it. BUILD is a build tree with the package in BUILD/python.
+The volume is a gyroid of SIZE^3 float32, isovalue 0.1; that of 384^3 has triangles that need mending. Every round runs
+all rows once; a figure is the median of the rounds, with the smallest and the largest behind it. With "arrays" only the
+rows that go from an array to arrays at full resolution are run, and their times are compared round by round. BUILD is a
+build tree with the package in BUILD/python.
 """
 import os
 import statistics
@@ -14,7 +16,7 @@ import time
 
 import needs
 
-build, size, *rounds = needs.arguments(2, __doc__, 3)
+build, size, *rounds = needs.arguments(2, __doc__, 4)
 needs.require(needs.module("numpy"), needs.module("skimage"), needs.module("vtkmodules"))
 sys.path.insert(0, os.path.join(build, "python"))
 try:
@@ -47,13 +49,20 @@ def flying_edges():
 
 with tempfile.TemporaryDirectory(prefix="isonest-bench-") as folder:
     path = os.path.join(folder, "x.isonest")
-    isonest.preprocess(volume, path, indicators=["linf_bar", "linf_plus", "deviation_bar", "hex_deviation"])
-    store = isonest.open(path)
-    ROWS = {
+    PEERS = {
         "scikit-image, `marching_cubes(volume, 0.1)`": lambda: len(marching_cubes(volume, ISO)[1]),
         "VTK, `vtkFlyingEdges3D`": flying_edges,
+    }
+    OWN = {
         "`isosurface(volume, 0.1)`": lambda: len(isonest.isosurface(volume, ISO).faces),
         "`isosurface(volume, 0.1, normals=False)`": lambda: len(isonest.isosurface(volume, ISO, normals=False).faces),
+    }
+    is_short = rounds[1:] == ["arrays"]
+    if not is_short:
+        isonest.preprocess(volume, path, indicators=["linf_bar", "linf_plus", "deviation_bar", "hex_deviation"])
+        store = isonest.open(path)
+    ROWS = {**PEERS, **OWN} if is_short else {
+        **PEERS, **OWN,
         '`isosurface(volume, 0.1, cells="tet")`': lambda: len(isonest.isosurface(volume, ISO, cells="tet").faces),
         "`isosurface(volume, 0.1, distance=0.5)`": lambda: len(isonest.isosurface(volume, ISO, distance=0.5).faces),
         '`isosurface(volume, 0.1, distance=0.5, effort="fast")`':
@@ -82,3 +91,8 @@ print(f"| {n}^3 | seconds | triangles |\n|---|---|---|")
 for name, times in seconds.items():
     count = "" if triangles[name] is None else f"{triangles[name]:,}"
     print(f"| {name} | {statistics.median(times):.3f} ({min(times):.3f} to {max(times):.3f}) | {count} |")
+if is_short:
+    print("\n| | " + " | ".join(f"time against {name.split(',')[0]}" for name in PEERS) + " |\n|---|---|---|")
+    for name in OWN:
+        ratios = [[own / peer for own, peer in zip(seconds[name], seconds[other])] for other in PEERS]
+        print(f"| {name} | " + " | ".join(f"{statistics.median(r):.2f} ({min(r):.2f} to {max(r):.2f})" for r in ratios) + " |")

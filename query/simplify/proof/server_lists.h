@@ -15,6 +15,7 @@
 #include "query/simplify/collapse/corner_mesh.h"
 #include "query/simplify/patch.h"
 #include "query/simplify/proof/prepared_triangle.h"
+#include "store/base/mixed_hash.h"
 
 namespace isonest::detail {
 
@@ -94,7 +95,7 @@ class ServerLists {
     double square_limit_;
     std::vector<std::uint32_t>
         only_;  ///< of each fine triangle: its server, kNoServer or kSomeServers
-    tsl::robin_map<std::uint32_t, std::vector<std::uint32_t>> several_;
+    tsl::robin_map<std::uint32_t, std::vector<std::uint32_t>, MixedHash> several_;
     /// Of each triangle of the patch; the one that kept it from being replaced last comes first.
     std::vector<std::vector<std::uint32_t>> served_;
 
