@@ -45,6 +45,17 @@ std::vector<LabelName> names_of(const Store& store, std::span<const Label> label
 
 }  // namespace
 
+Double3 shift_of(const Store& store, VoxelOrigin origin) {
+    Double3 shift{};
+    const auto& header = store.reader().layout().header();
+    for (std::size_t axis = 0; axis < 3 && origin == VoxelOrigin::corner; ++axis) {
+        for (std::size_t row = 0; row < 3; ++row) {
+            shift[row] += header.direction[axis][row] * header.spacing[axis] / 2;
+        }
+    }
+    return shift;
+}
+
 bool has_neuroglancer_meshes() {
     return detail::has_draco();
 }
@@ -53,14 +64,15 @@ void extract_neuroglancer_meshes(
     const Store& store, std::span<const Label> labels, const LabelQuery& query,
     const std::filesystem::path& folder,
     const std::function<void(std::size_t number, const NeuroglancerReport&)>& done,
-    const ExtractOptions& options, Progress& progress) {
+    const ExtractOptions& options, Progress& progress, VoxelOrigin origin) {
     require_segments(store, labels);
     detail::neuroglancer_labels(store.reader(), labels, query, folder, done, options, progress);
     const std::vector<LabelName> names = names_of(store, labels);
     if (!names.empty()) {
         detail::write_segment_properties(folder, names);
     }
-    detail::write_mesh_info(folder, store.reader().layout().header(), !names.empty());
+    detail::write_mesh_info(folder, store.reader().layout().header(), shift_of(store, origin),
+                            !names.empty());
 }
 
 }  // namespace isonest

@@ -40,6 +40,10 @@ std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
                    [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
     for (const Format& format : kFormats) {
         if (format.extension == end) {
+            if (options.shift != Double3{} && end != ".ngmesh") {
+                throw Error(ErrorKind::invalid_argument, {path.string()},
+                            "only meshes in .ngmesh are moved");
+            }
             return format.open(path, options);
         }
     }

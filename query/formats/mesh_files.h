@@ -35,6 +35,7 @@ class MeshFile : public MeshSink {
     /// Empty: none.
     [[nodiscard]] const std::string& title() const { return options_.title; }
     [[nodiscard]] const std::optional<LabelColor>& color() const { return options_.color; }
+    [[nodiscard]] const Double3& shift() const { return options_.shift; }
     /// Whether the format has lines.
     [[nodiscard]] virtual bool holds_lines() const { return false; }
     /// Whether it has the labels beside each triangle.

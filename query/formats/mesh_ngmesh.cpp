@@ -14,9 +14,10 @@ class NgmeshFile : public SectionedFile {
         require_bits(32, layout.vertices, "vertices", "Neuroglancer");
         const auto count = static_cast<std::uint32_t>(layout.vertices);
         create().write_at(0, std::as_bytes(std::span(&count, 1)));
-        const VertexSection positions = position_section(
+        VertexSection positions = position_section(
             sizeof(count),
             layout.unit ? converted_length(1, *layout.unit, LengthUnit::nanometre) : 1);
+        positions.shift = shift();
         use({{positions},
              {indices32_section(sizeof(count) + layout.vertices * positions.stride())}},
             layout);

@@ -110,7 +110,7 @@ void LabelFiles::publish(const DetailGrid& grid, std::span<const double> scales)
 }
 
 void write_mesh_info(const std::filesystem::path& folder, const StoreHeader& header,
-                     bool properties) {
+                     const Double3& shift, bool properties) {
     const double unit = header.unit ? converted_length(1, *header.unit, LengthUnit::nanometre) : 1;
     std::string transform;
     for (std::size_t row = 0; row < 3; ++row) {
@@ -118,7 +118,8 @@ void write_mesh_info(const std::filesystem::path& folder, const StoreHeader& hea
             transform +=
                 fmt::format("{}, ", header.direction[axis][row] * header.spacing[axis] * unit);
         }
-        transform += fmt::format("{}{}", header.origin[row] * unit, row < 2 ? ", " : "");
+        transform +=
+            fmt::format("{}{}", (header.origin[row] + shift[row]) * unit, row < 2 ? ", " : "");
     }
     // Of a scale of 1, so that a level is drawn where a pixel is as large as its distance.
     write_whole(folder / "info",

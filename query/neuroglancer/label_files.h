@@ -41,9 +41,10 @@ class LabelFiles {
 };
 
 /// The file `info`: how places of the lattice lie in the world, in nanometres if its unit is known.
-/// `properties`: whether there is a folder of them. Throws Error{io}.
+/// All is moved by `shift`, world units. `properties`: whether there is a folder of them. Throws
+/// Error{io}.
 void write_mesh_info(const std::filesystem::path& folder, const StoreHeader& header,
-                     bool properties);
+                     const Double3& shift, bool properties);
 
 /// Names of labels, which Neuroglancer shows, in a folder `segment_properties`; labels without a
 /// name have an empty one. Throws Error{io}.

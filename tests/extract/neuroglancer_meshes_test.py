@@ -265,6 +265,28 @@ class NeuroglancerMeshes(unittest.TestCase):
             full, full_faces = read_ply(self.folder / "p" / f"{entry['id']}.ply")
             self.assertLess(self.distance((points / 1000, faces), (full, full_faces)), 1e-3)
 
+    def test_over_a_precomputed_volume_voxels_begin_at_their_corners(self):
+        """A box of voxels, which fills there what it fills in the volume: voxel i is from i to i + 1 resolutions."""
+        labels = np.zeros((9, 8, 7), int)
+        labels[2:6, 3:5, 1:6] = 5  # z, y, x
+        spacing, origin = np.array((4, 8, 2)), np.array((40, 0, -6))
+        store = self.store(labels, "--spacing", "4,8,2", "--origin", "40,0,-6", "--unit", "nm")
+        low, high = origin + spacing * (1, 3, 2), origin + spacing * (6, 5, 6)
+        for over, moved in ((("--over", "precomputed"), 0), (("--over", "zarr"), -0.5), ((), -0.5)):
+            expected = np.array((low, high)) + moved * spacing
+            folder, _ = self.extract(store, "--smooth=0", *over)
+            transform = np.reshape(json.loads((folder / "info").read_text())["transform"], (3, 4))
+            points = Mesh(folder, 5, self.folder).placed(0)[0] @ transform[:, :3].T + transform[:, 3]
+            self.assertLess(np.abs(np.array((points.min(0), points.max(0))) - expected).max(), 0.01, over)
+            for smooth in (("--smooth=0",), ()):
+                shutil.rmtree(self.folder / "n", ignore_errors=True)
+                run("extract", store, "--labels", "all", "--format", "neuroglancer", *smooth, *over, "-o", self.folder / "n")
+                raw = (self.folder / "n" / "5.ngmesh").read_bytes()
+                points = np.frombuffer(raw, "<f4", 3 * int.from_bytes(raw[:4], "little"), 4).reshape(-1, 3)
+                self.assertLess(np.abs(np.array((points.min(0), points.max(0))) - expected).max(), 1e-4, (over, smooth))
+        for wrong in (("--format", "ply", "--over", "zarr"), ("--over", "precomputed"), ("--format", "neuroglancer", "--over", "nrrd")):
+            self.assertIn("--over", run("extract", store, "--labels", "all", *wrong, "-o", self.folder / "no", code=2).stderr)
+
     def test_same_bytes(self):
         store = self.store(cells(RANDOM, (20, 30, 90), 9, 7) + 1)
         files = None

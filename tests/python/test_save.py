@@ -84,6 +84,12 @@ def test_other_programs_read_what_was_saved(stores, tmp_path):
     count = struct.unpack_from("<I", content)[0]
     assert count == len(mesh.vertices)
     np.testing.assert_array_equal(np.frombuffer(content, "<u4", offset=4 + 12 * count).reshape(-1, 3), mesh.faces)
+    mesh.save(tmp_path / "n.ngmesh", shift=(0.5, -2, 8))
+    moved = np.frombuffer((tmp_path / "n.ngmesh").read_bytes(), "<f4", 3 * count, 4).reshape(-1, 3)
+    there = np.frombuffer(content, "<f4", 3 * count, 4).reshape(-1, 3)
+    np.testing.assert_allclose(moved - there, np.broadcast_to((0.5, -2, 8), moved.shape), atol=1e-4)
+    with pytest.raises(isonest.InvalidArgumentError, match="ngmesh"):
+        mesh.save(tmp_path / "n.ply", shift=(0, 0, 1))
     mesh.save(tmp_path / "m.3mf")
     with zipfile.ZipFile(tmp_path / "m.3mf") as archive:
         assert archive.testzip() is None

@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 
+#include <isonest/int3.h>
 #include <isonest/label_name.h>
 #include <isonest/mesh_sink.h>
 
@@ -33,6 +34,9 @@ struct MeshFileOptions {
     /// In which colour it is drawn.
     std::optional<LabelColor> color = {};
     MeshSpace space = MeshSpace::automatic;
+    /// Of .ngmesh: is added to all positions, world units (see VoxelOrigin). Other formats refuse
+    /// it.
+    Double3 shift = {};
 };
 
 /// A sink that writes `path`, in the format that the name's end (in any case) chooses:
@@ -40,7 +44,7 @@ struct MeshFileOptions {
 ///   .ply     binary; values as float64 where they need it
 ///   .stl     binary; triangles alone, corners repeated
 ///   .obj     text; normals; triangles or lines
-///   .vtp     VTK XML, appended raw data; everything; triangles or lines
+///   .vtp     VTK XML, binary data in base64; everything; triangles or lines
 ///   .vtkhdf  VTKHDF; everything; triangles
 ///   .glb     glTF 2.0 binary; float32 alone
 ///   .3mf     3MF; triangles alone

@@ -31,6 +31,14 @@ struct NeuroglancerReport {
     std::vector<DetailLevel> levels;  ///< from the finest one on
 };
 
+/// The volume over which Neuroglancer shows meshes. OME-Zarr says where the middle of the first
+/// voxel is, as stores do. A precomputed volume counts from the voxel's low corner: meshes over it
+/// have to be moved by half a voxel along each axis.
+enum class VoxelOrigin { middle, corner };
+
+/// By how much meshes are moved for such a volume, world units.
+Double3 shift_of(const Store& store, VoxelOrigin origin);
+
 /// Whether this build can write them, which needs Draco.
 bool has_neuroglancer_meshes();
 
@@ -46,12 +54,14 @@ bool has_neuroglancer_meshes();
 /// files are as in Neuroglancer, so labels below 0 are refused. Existing files are replaced. `done`
 /// is called from many threads, with a label's number in `labels`. The bytes depend on the store,
 /// the query and the version of Draco alone. What finished labels have written stays if a later one
-/// fails; `info` comes last. Throws as extract_labels() of smooth labels, Error{unsupported}
-/// without Draco, Error{invalid_argument} for a label below 0, and Error{io}.
+/// fails; `info` comes last. `origin`: of the volume that they are shown with. Throws as
+/// extract_labels() of smooth labels, Error{unsupported} without Draco, Error{invalid_argument} for
+/// a label below 0, and Error{io}.
 void extract_neuroglancer_meshes(
     const Store& store, std::span<const Label> labels, const LabelQuery& query,
     const std::filesystem::path& folder,
     const std::function<void(std::size_t number, const NeuroglancerReport&)>& done,
-    const ExtractOptions& options = {}, Progress& progress = silent_progress());
+    const ExtractOptions& options = {}, Progress& progress = silent_progress(),
+    VoxelOrigin origin = VoxelOrigin::middle);
 
 }  // namespace isonest

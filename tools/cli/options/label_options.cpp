@@ -251,6 +251,21 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
         "NAME")
         ->needs(several)
         ->excludes(interfaces);
+    add_parsed(
+        c, "--over",
+        [&a](const std::string& text) {
+            if (text != "zarr" && text != "precomputed") {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--over '{}': give zarr or precomputed", text));
+            }
+            a.over = text == "zarr" ? VoxelOrigin::middle : VoxelOrigin::corner;
+        },
+        "of --format neuroglancer or neuroglancer-multilod: the volume\n"
+        "that Neuroglancer shows with the meshes. precomputed: they are\n"
+        "moved by half a voxel along each axis [zarr]",
+        "zarr|precomputed")
+        ->needs(several)
+        ->excludes(interfaces);
 }
 
 bool makes_detail_levels(const LabelArguments& a) {
@@ -304,6 +319,12 @@ void add_smooth_json(const SmoothReport& r, Json& json) {
 Result extract_label_meshes(const Store& store, const LabelArguments& labels,
                             const ExtractArguments& a, const LabelQuery& query,
                             Progress& progress) {
+    if (labels.over && labels.format != kNeuroglancer && !makes_detail_levels(labels)) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--over goes with --format neuroglancer or neuroglancer-multilod: meshes in "
+                    "other formats lie where the volume's file says");
+    }
+    const VoxelOrigin over = labels.over.value_or(VoxelOrigin::middle);
     const fs::path folder = a.mesh;
     std::error_code error;
     if (fs::exists(folder, error) && !fs::is_directory(folder, error)) {
@@ -341,13 +362,14 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
                 take(i, report.finest);
                 levels[i] = report.levels;
             },
-            options, progress);
+            options, progress, over);
     } else {
         extract_labels(
             store, chosen, query,
             [&](const Label& label) {
-                return open_mesh_file(folder / mesh_name(label.id, labels.format),
-                                      label_file_options(store, label.id, a.space));
+                MeshFileOptions file = label_file_options(store, label.id, a.space);
+                file.shift = shift_of(store, over);
+                return open_mesh_file(folder / mesh_name(label.id, labels.format), file);
             },
             take, options, progress);
     }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <isonest/extract.h>
+#include <isonest/neuroglancer_meshes.h>
 
 #include "tools/cli/command.h"
 #include "tools/cli/options/extract_options.h"
@@ -23,13 +24,15 @@ struct LabelArguments {
     std::optional<std::string> one_name = {};
     std::vector<std::string> several_names = {};
     std::string format = "ply";
+    /// Of the volume with which Neuroglancer shows the meshes, if it was said.
+    std::optional<VoxelOrigin> over = {};
     std::optional<LabelSmoothing> smooth = {};
     bool keep_nodes = false;  ///< where smooth ones are simplified
     bool interfaces = false;  ///< one mesh of what is between labels, in place of meshes
 };
 
-/// --label, --labels, --smooth, --keep-nodes, --interfaces, --format. The first two exclude all of
-/// `others`.
+/// --label, --labels, --smooth, --keep-nodes, --interfaces, --format, --over. The first two exclude
+/// all of `others`.
 void add_label_options(CLI::App* command, LabelArguments& a,
                        const std::vector<std::string>& others);
 

@@ -108,7 +108,8 @@ class Mesh:
         """The same mesh, the same memory, in array coordinates (z, y, x)."""
         return self._other("array")
 
-    def save(self, path: "os.PathLike[str] | str", *, space: Optional[Space] = None, progress: Progress = None) -> None:
+    def save(self, path: "os.PathLike[str] | str", *, space: Optional[Space] = None,
+             shift: "tuple[float, float, float]" = (0, 0, 0), progress: Progress = None) -> None:
         """Writes the mesh in the format that the name's end chooses: .ply, .stl, .obj, .vtp, .vtkhdf, .glb, .3mf or
         .ngmesh; lines as .vtp or .obj, interfaces as .vtp, .vtkhdf or .ply. The file is in world coordinates, and byte for byte the one that the program
         ``isonest extract`` writes. It appears whole or not at all, and replaces a file of its name, unless the mesh
@@ -116,10 +117,12 @@ class Mesh:
 
         space: the patient axes of positions and normals in the file, "ras", "lps" or "as-stored"; without it RAS where
             the volume's axes are known (:attr:`Store.frame`), else as stored.
+        shift: (x, y, z), of ``.ngmesh`` alone, is added to all vertices: half of the spacing, where Neuroglancer
+            shows the mesh over a precomputed volume, which counts from the corner of the first voxel.
         """
         with reporting(progress) as report:
             _core.save_mesh(os.fspath(path), self._layout, self._positions, self._elements.view(np.uint32), self._flip,
-                            self._normals, self._values, self._errors, self._labels, space, report)
+                            self._normals, self._values, self._errors, self._labels, space, shift, report)
 
     def _attributes(self) -> dict[str, np.ndarray]:
         named = {"normal": self._normals, "value": self._values, "error": self._errors}

@@ -326,7 +326,7 @@ void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, cons
                const CornerNumbers& elements, bool flip, const std::optional<Floats>& normals,
                const std::optional<Doubles>& values, const std::optional<Floats>& errors,
                const std::optional<LabelNumbers>& labels, const std::optional<std::string>& space,
-               const py::object& progress) {
+               const Double3& shift, const py::object& progress) {
     const MeshSpace written = space_of(space);
     ArrayMesh mesh;
     mesh.vertices = static_cast<std::size_t>(positions.size()) / 3;
@@ -348,7 +348,8 @@ void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, cons
         const std::unique_ptr<MeshSink> sink = open_mesh_file(path, {.replace = true,
                                                                      .title = origin.label.name,
                                                                      .color = origin.label.color,
-                                                                     .space = written});
+                                                                     .space = written,
+                                                                     .shift = shift});
         write_mesh(mesh, origin, path, *sink, p);
     });
 }
@@ -376,7 +377,7 @@ void add_meshes(py::module_& module) {
     module.def("extract_interfaces", &extract_interface_mesh, "store"_a, "labels"_a, "query"_a,
                "options"_a, "progress"_a);
     module.def("save_mesh", &save_mesh, "path"_a, "layout"_a, "positions"_a, "elements"_a, "flip"_a,
-               "normals"_a, "values"_a, "errors"_a, "labels"_a, "space"_a, "progress"_a);
+               "normals"_a, "values"_a, "errors"_a, "labels"_a, "space"_a, "shift"_a, "progress"_a);
 }
 
 }  // namespace isonest::python
