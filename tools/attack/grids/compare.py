@@ -83,6 +83,67 @@ def differs(one, path, expected, **options):
     return attack.SAME
 
 
+@dataclasses.dataclass
+class InWorld:
+    """Values by the indices that an independent reader has, and the world's place of an index."""
+    values: np.ndarray  # [i, j, k]; NaN is missing
+    affine: np.ndarray  # 4 x 4
+    unit: object = None
+    frame: str = "unknown"
+    refusals: tuple = ()
+    tolerance: float = 2.0  # in units of the last place
+
+
+def differs_in_world(one, path, expected, **options):
+    """The result of a try: every node of the store has the value that the reader has at its place."""
+    isonest = attack.package(one.program)
+    store_path = one.folder / "s.isonest"
+    try:
+        isonest.preprocess(path, store_path, memory="256M", threads=1, chunk=one.pick(8, 16, 32, 64), **options)
+    except isonest.Error as error:
+        why = attack.reason(error.problem or error, one.folder)
+        if any(re.search(pattern, str(error)) for pattern in expected.refusals):
+            return attack.refused(why)
+        return attack.wrong(f"refused: {error}\nbecause: {why}")
+    if "must" in expected.refusals:
+        return attack.wrong("it is read, but should be refused")
+    store = isonest.open(store_path)
+    found = store.values(0)
+    values = np.asarray(expected.values)
+    if found.size != values.size:
+        return attack.wrong(f"{found.size} values ({found.shape}), not {values.size} ({values.shape})")
+    spacing, origin = np.array(store.spacing[::-1]), np.array(store.origin[::-1])
+    steps = np.reshape(store.direction, (3, 3)) * spacing[:, None]
+    nodes = np.stack(np.meshgrid(*(np.arange(n) for n in found.shape), indexing="ij"), -1).reshape(-1, 3)[:, ::-1]
+    world = origin + nodes @ steps
+    at = (world - expected.affine[:3, 3]) @ np.linalg.inv(expected.affine[:3, :3]).T
+    index = np.rint(at).astype(int)
+    if np.abs(at - index).max() > 0.11:  # a tenth of a voxel is taken for straight
+        return attack.wrong(f"nodes lie up to {np.abs(at - index).max()} of a step beside the reader's")
+    if (index < 0).any() or (index >= values.shape).any() or len(np.unique(index, axis=0)) != len(index):
+        return attack.wrong(f"nodes lie elsewhere: {index.min(0)} to {index.max(0)} of {values.shape}")
+    problem = _near(found.ravel(), values[tuple(index.T)], expected.tolerance)
+    if problem:
+        return attack.wrong(problem)
+    if store.unit != expected.unit:
+        return attack.wrong(f"unit {store.unit}, not {expected.unit}")
+    if hasattr(store, "frame") and str(store.frame or "unknown").upper() != expected.frame.upper():
+        return attack.wrong(f"frame {store.frame}, not {expected.frame}")
+    return attack.SAME
+
+
+def _near(found, values, tolerance):
+    with np.errstate(over="ignore", invalid="ignore"):
+        scale = np.nanmax(np.abs(values[np.isfinite(values)]), initial=0) if values.dtype.kind == "f" else 0
+        eps = np.finfo(found.dtype).eps * scale * tolerance if found.dtype.kind == "f" else 0
+        same = (np.abs(found.astype("f8") - values.astype("f8")) <= eps) | (found == values) | \
+            (np.isnan(found.astype("f8")) & np.isnan(values.astype("f8")))
+    if same.all():
+        return ""
+    at = int(np.argmin(same))
+    return f"{(~same).sum()} of {same.size} values differ, first: {found[at]}, not {values[at]}"
+
+
 def _turned(expected):
     shape, spacing = np.array(expected.values.shape[::-1]), np.array(expected.spacing)
     origin = np.array(expected.origin) + spacing * (shape - 1) * (1, 0, 1)

@@ -232,6 +232,11 @@ def _is_even(places):
     return step != 0 and (np.abs(places - places[0] - step * np.arange(len(places))) < 0.1 * abs(step)).all()
 
 
+def _is_uneven(places):
+    """Coordinates that mean places, but that even ones cannot stand for."""
+    return places is not None and len(places) > 1 and np.isfinite(places).all() and np.ptp(places) > 0 and not _is_even(places)
+
+
 def _placed(axes, values):
     """Spacing, origin, unit, and the values with ascending axes; axes are slowest first."""
     spacing, origin, units = [], [], []
@@ -287,6 +292,8 @@ def _try(one, fmt):
             at = next(i for i, axis in enumerate(axes) if axis.length == 1)
             values = values.squeeze(at)
             del axes[at]
+    if any(_is_uneven(axis.coordinates) for axis in axes):
+        refusals += ["are not evenly spaced", "must"]
     values, spacing, origin, unit = _placed(axes, values)
     pad = 3 - len(axes)
     return compare.differs(one, path, compare.Expected(
