@@ -77,8 +77,8 @@ class Cf(Input):
                     else:
                         np.testing.assert_allclose(found, expected, rtol=3e-7, atol=5e-5)
                         self.assertEqual(np.isnan(found).sum(), np.isnan(expected).sum())
-                    self.assertEqual(len(self.notes), 1)
-        self.assertIn("plus -5", self.notes[0])
+                    self.assertEqual(len(self.notes), 2)  # and that there is no spacing
+        self.assertIn("plus -5", self.notes[1])
 
     def test_all_types(self):
         for fmt in FORMATS:
@@ -88,7 +88,7 @@ class Cf(Input):
                 with self.subTest(fmt=fmt, kind=kind):
                     data = numbers((3, 5, 7), kind)
                     self.write(data, kind, fmt)
-                    np.testing.assert_array_equal(self.values(), data)
+                    np.testing.assert_array_equal(self.values("--spacing", "1,1,1"), data)
                     self.assertEqual(self.notes, [])
 
     def test_valid_range_and_unsigned_numbers(self):
@@ -109,10 +109,48 @@ class Cf(Input):
             self.write(data, "f4", fmt, coordinates=at)
             np.testing.assert_array_equal(self.values(), data[:, ::-1])
             self.lies([-7, 32, 10], [0.25, 2, 20])
-            self.write(data, "f4", fmt, coordinates={"z": [1, 2, 4, 8]})
-            np.testing.assert_array_equal(self.values(), data)
-            self.assertIn("'z' are not evenly spaced", self.notes[0])
-            self.lies([0, 0, 0], [1, 1, 1])
+            self.assertEqual(self.notes, [])
+
+    def test_uneven_coordinates_are_never_moved_without_a_word(self):
+        data = numbers((3, 5, 6), "f4")
+        grid = {"y": [40, 38, 36, 34, 32], "x": np.arange(6) * 0.25 - 7}
+        for fmt in FORMATS:
+            self.write(data, "f4", fmt, coordinates={"z": [200, 500, 850], **grid})
+            np.testing.assert_array_equal(self.values(), data[:, ::-1])
+            self.assertEqual(self.notes, ["the coordinates 'z' are not quite evenly spaced: nodes lie up to 25, 0.077 of "
+                                          "a step, away from theirs"])
+            self.lies([-7, 32, 200], [0.25, 2, 325])
+            for levels, spacing, most in (([1000, 850, 500], 250, 100), ([1, 2, 40], 19.5, 18.5)):
+                self.write(data, "f4", fmt, coordinates={"z": levels, **grid})
+                self.refuses(5, "'z' are not evenly spaced", f"0.25,2,{spacing} (x,y,z)", f"up to {most} away", "give --spacing")
+                self.refuses(5, "'z' are not evenly spaced", options=("--every", "2"))
+                found = self.values("--spacing", f"0.25,2,{spacing}")
+                np.testing.assert_array_equal(found, data[::-1 if levels[0] > levels[1] else 1, ::-1])
+                self.assertEqual(self.notes, ["the coordinates 'z' are not evenly spaced: with the spacing that is given, "
+                                              f"nodes lie up to {most} away from theirs"])
+                self.lies([-7, 32, min(levels)], [0.25, 2, spacing])
+            # What rounding to float32 explains, and one level alone, is no matter.
+            self.write(data, "f4", fmt, coordinates={**grid, "z": [1, 2, 3], "y": np.float32(4000 - np.arange(5) * 0.1)})
+            self.values()
+            self.assertEqual(self.notes, [])
+            np.testing.assert_array_equal(self.values("--index", "z=1")[0], data[1, ::-1])
+
+    def test_a_spacing_that_is_not_said_is_noted(self):
+        data = numbers((3, 5, 6), "f4")
+        for fmt in FORMATS:
+            self.write(data, "f4", fmt)
+            self.values()
+            self.assertEqual(self.notes, ["the file does not say the spacing: it was taken as 1"])
+            self.values("--spacing", "1,1,1")
+            self.assertEqual(self.notes, [])
+            self.write(data, "f4", fmt, coordinates={"y": [1, 2, 3, 4, 5]})
+            self.values()
+            self.assertEqual(self.notes, ["the file does not say the spacing along x and z: it was taken as 1"])
+            self.write(data, "f4", fmt, coordinates={"z": [1, 1, 1], "y": [1, 2, np.inf, 4, 5], "x": range(6)})
+            self.values()
+            self.assertEqual(self.notes, ["the coordinates 'y' are not all numbers: they place nothing",
+                                          "the coordinates 'z' are all the same: they place nothing",
+                                          "the file does not say the spacing along y and z: it was taken as 1"])
 
     def test_time_steps_are_chosen(self):
         data = numbers((3, 4, 5, 6), "f4")
@@ -248,7 +286,7 @@ class Cf(Input):
     def test_labels_of_64_bits_are_kept_beside_a_note(self):
         labels = np.array([0, 7, 2**53 + 1, 2**62 - 1], "i8")[RANDOM.integers(4, size=(4, 5, 6))]
         for fmt in ("NETCDF4", "NETCDF3_64BIT_DATA"):
-            for depths, notes in (([0, 1, 2, 3], 0), ([0, 1, 2, 9], 1)):
+            for depths, notes in (([0, 1, 2, 3], 1), ([0, 1, 2, 3.1], 2)):  # one is of the spacing along x and y
                 with self.subTest(fmt=fmt, depths=depths):
                     self.write(labels, "i8", fmt, coordinates={"z": depths})
                     done = self.preprocess("--json", "--labels")

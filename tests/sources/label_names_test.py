@@ -111,7 +111,7 @@ class LabelNames(unittest.TestCase):
         self.assertEqual(said, [{"id": i, **({"name": n} if n else {}), **({"color": list(c)} if c else {})}
                                 for i, (n, c) in names.items()])
         run("check", self.out)
-        return names, report["notes"]
+        return names, [note for note in report["notes"] if "does not say the spacing" not in note]
 
     def stored_values(self):
         with h5py.File(self.out) as f:

@@ -393,11 +393,13 @@ class Zarr(Input):
         self.lies([-7, 32, 10], [0.25, 2, 20])
         self.assertEqual([n for n in notes if "even" in n], [])
         self.assertEqual(self.preprocess("--index", "time=1", "--spacing", "1,2,3").returncode, 0)
-        self.lies([0, 0, 0], [1, 2, 3])
+        self.lies([-7, 32, 10], [1, 2, 3])
         x.assign_coords(z=[1, 2, 4, 8]).to_zarr(self.fresh())
-        _, notes = self.read_values("--index", "time=0")
-        self.assertIn("'z' are not evenly spaced", "".join(notes))
-        self.lies([-7, 32, 0], [0.25, 2, 1])
+        self.refuses(5, "'z' are not evenly spaced", "0.25,2,2.33333 (x,y,z)", "up to 1.67 away",
+                     options=("--index", "time=0"))
+        _, notes = self.read_values("--index", "time=0", "--spacing", "0.25,2,2")
+        self.assertIn("'z' are not evenly spaced: with the spacing that is given, nodes lie up to 1 away", "".join(notes))
+        self.lies([-7, 32, 1], [0.25, 2, 2])
 
     def test_what_xarray_writes_in_version_3(self):
         stored = numbers((4, 5, 6), "i2")

@@ -1,5 +1,6 @@
 #include "preprocess/sources/hdf5/far_contiguous.h"
 
+#include <algorithm>
 #include <vector>
 
 #include <isonest/error.h>
@@ -43,7 +44,8 @@ std::unique_ptr<VolumeSource> open_far_contiguous(const InputFile& file, hid_t d
     layout.offset = offset;
     require(values <= size / size_of(layout.type) &&
             lies_within(offset, values * size_of(layout.type), size));
-    if (values != static_cast<hsize_t>(layout.nodes.product())) {
+    if (values != static_cast<hsize_t>(layout.nodes.product()) ||
+        !std::is_sorted(shape.axes.begin(), shape.axes.end())) {
         layout.strides = shape.along_axes(strides);
         layout.whole = values;
     }

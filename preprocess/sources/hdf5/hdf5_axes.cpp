@@ -100,9 +100,7 @@ void read_scales(hid_t dataset, const std::vector<hsize_t>& dims, std::vector<Hd
             continue;
         }
         axes[i].name = name_of_object(scale.get());
-        const std::vector<double> coordinates = coordinates_of(scale.get(), dims[i]);
-        axes[i].even = even_axis(coordinates);
-        axes[i].uneven = !coordinates.empty() && !axes[i].even;
+        axes[i].coordinates = coordinates_of(scale.get(), dims[i]);
         axes[i].unit = text_of_attribute(scale.get(), "units");
     }
     H5Dvlen_reclaim(wanted.get(), space.get(), H5P_DEFAULT, lists.data());

@@ -3,20 +3,17 @@
 
 #include <hdf5.h>
 
-#include <optional>
 #include <string>
 #include <vector>
 
-#include "preprocess/sources/placement/axis_choice.h"
 #include "preprocess/sources/placement/cf_convention.h"
 
 namespace isonest::detail {
 
 struct Hdf5Axis {
     std::string name;  ///< of the dimension scale, or its label; empty if there is neither
-    std::optional<EvenAxis> even;  ///< its coordinates, if they are evenly spaced
-    bool uneven = false;           ///< there are coordinates that are not
-    std::string unit;              ///< of the scale (CF: `units`); empty if it does not say
+    std::vector<double> coordinates;  ///< one for each position; empty if there are none
+    std::string unit;                 ///< of the scale (CF: `units`); empty if it does not say
 };
 
 /// For each axis of the dataset; `dims` are their lengths. Source: HDF5 Dimension Scale

@@ -12,6 +12,7 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/hdf5/lzf_filter.h"
 #include "store/container/codec.h"
 #include "store/container/format.h"
 #include "store/hdf5/handles.h"
@@ -38,8 +39,9 @@ std::optional<std::vector<H5Z_filter_t>> filters_of(hid_t creation, std::size_t 
         const H5Z_filter_t filter = H5Pget_filter2(creation, static_cast<unsigned>(i), &flags,
                                                    &numbers, &number, 0, nullptr, &configuration);
         const bool shuffle = filter == H5Z_FILTER_SHUFFLE && number == element;
-        const bool compression =
-            filter == H5Z_FILTER_DEFLATE || filter == static_cast<H5Z_filter_t>(kZstdFilter);
+        const bool compression = filter == H5Z_FILTER_DEFLATE ||
+                                 filter == static_cast<H5Z_filter_t>(kZstdFilter) ||
+                                 (filter == kLzfFilter && has_lzf());
         const int place = shuffle ? 1 : compression ? 2 : filter == H5Z_FILTER_FLETCHER32 ? 3 : 0;
         if (place <= last) {
             return std::nullopt;
@@ -92,6 +94,34 @@ bool take_checksum(std::vector<std::byte>& bytes) {
     return stored == sum || stored == ((sum & 0xFF00FFU) << 8U | (sum >> 8U & 0xFF00FFU));
 }
 
+/// Numbers that lie `stride` of them apart, one behind the other.
+void copy_row(const std::byte* from, std::size_t stride, std::byte* to, std::size_t count,
+              std::size_t element) {
+    if (stride == 1) {
+        std::memcpy(to, from, count * element);
+        return;
+    }
+    const auto copy = [&](auto number) {
+        using T = decltype(number);
+        for (std::size_t i = 0; i < count; ++i) {
+            std::memcpy(to + i * sizeof(T), from + i * stride * sizeof(T), sizeof(T));
+        }
+    };
+    switch (element) {
+        case 1:
+            copy(std::uint8_t{});
+            return;
+        case 2:
+            copy(std::uint16_t{});
+            return;
+        case 4:
+            copy(std::uint32_t{});
+            return;
+        default:
+            copy(std::uint64_t{});
+    }
+}
+
 }  // namespace
 
 std::optional<Hdf5Chunks> Hdf5Chunks::open(hid_t dataset, std::string name,
@@ -135,9 +165,6 @@ std::optional<Hdf5Chunks> Hdf5Chunks::open(hid_t dataset, std::string name,
         c.long_chunks_ = c.long_chunks_ || (shape.at[d] > 0 && begin + chunk[d] > shape.dims[d]);
     }
     c.stride_ = shape.along_axes(strides);
-    if (c.stride_.x != 1) {
-        return std::nullopt;
-    }
     c.chunk_bytes_ = elements * c.element_;
     c.fill_.resize(c.element_);
     if (H5Pget_fill_value(creation.get(), memory_type, c.fill_.data()) < 0) {
@@ -184,6 +211,8 @@ void Hdf5Chunks::undo(H5Z_filter_t filter, const Int3& chunk, Buffers& buffers) 
         whole = ::uncompress(reinterpret_cast<Bytef*>(out.data()), &size,
                              reinterpret_cast<const Bytef*>(in.data()), in.size()) == Z_OK &&
                 size == out.size();
+    } else if (filter == kLzfFilter) {
+        whole = undo_lzf(in, out);
     } else {
         whole = decompress(in, out);
     }
@@ -264,14 +293,15 @@ void Hdf5Chunks::read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::in
             const Int3 low{chunk.x * chunk_.x, chunk.y * chunk_.y, chunk.z * chunk_.z};
             const Int3 lo = max(low, {0, y0, z0});
             const Int3 hi = min(low + chunk_, {nodes_.x, y0 + ny, z0 + nz});
-            const auto row = static_cast<std::size_t>(hi.x - lo.x) * element_;
             for (std::int64_t z = lo.z; z < hi.z; ++z) {
                 for (std::int64_t y = lo.y; y < hi.y; ++y) {
                     const std::int64_t source =
                         first_ + (z - low.z) * stride_.z + (y - low.y) * stride_.y;
                     const std::int64_t target = ((z - z0) * ny + (y - y0)) * nodes_.x + lo.x;
-                    std::memcpy(dst + static_cast<std::size_t>(target) * element_,
-                                from.data() + static_cast<std::size_t>(source) * element_, row);
+                    copy_row(from.data() + static_cast<std::size_t>(source) * element_,
+                             static_cast<std::size_t>(stride_.x),
+                             dst + static_cast<std::size_t>(target) * element_,
+                             static_cast<std::size_t>(hi.x - lo.x), element_);
                 }
             }
         }

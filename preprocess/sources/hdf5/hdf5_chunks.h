@@ -20,7 +20,7 @@
 
 namespace isonest::detail {
 
-/// A chunked dataset whose filters are among shuffle, deflate, zstd and fletcher32.
+/// A chunked dataset whose filters are among shuffle, deflate, zstd, LZF and fletcher32.
 /// Thread-safety: none; read() itself uses many threads.
 class Hdf5Chunks {
   public:

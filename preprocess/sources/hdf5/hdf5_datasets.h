@@ -20,8 +20,8 @@ std::optional<ValueType> value_type_of(hid_t dataset);
 
 struct DatasetShape {
     std::vector<hsize_t> dims;      ///< as in the file, slowest first
-    std::vector<std::size_t> axes;  ///< those of `dims` that are the volume's: 1 to 3; none if the
-                                    ///< dataset has more than 3 longer than 1, or no axis
+    std::vector<std::size_t> axes;  ///< those of `dims` that are the volume's, x last: 1 to 3; none
+                                    ///< if the dataset has more than 3 longer than 1, or no axis
     std::vector<hsize_t> at;        ///< for the other dims the position; none: 0
     [[nodiscard]] std::string text() const;
     /// Of numbers along `dims`, those along x, y and z; 1 along axes that are not there.

@@ -22,14 +22,19 @@
 #include "preprocess/sources/hdf5/hdf5_axes.h"
 #include "preprocess/sources/hdf5/hdf5_chunks.h"
 #include "preprocess/sources/hdf5/hdf5_datasets.h"
+#include "preprocess/sources/hdf5/hdf5_dialect.h"
 #include "preprocess/sources/hdf5/hdf5_files.h"
 #include "preprocess/sources/hdf5/hdf5_place.h"
+#include "preprocess/sources/hdf5/lzf_filter.h"
 #include "preprocess/sources/numbers/raw_rows.h"
 #include "preprocess/sources/placement/axis_choice.h"
 #include "preprocess/sources/placement/cf_convention.h"
+#include "preprocess/sources/placement/unsaid_spacing.h"
 #include "preprocess/sources/wrapping/converted_source.h"
+#include "preprocess/sources/wrapping/cropped_source.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
 #include "preprocess/sources/wrapping/scaled_source.h"
+#include "preprocess/sources/wrapping/slice_scaled_source.h"
 #include "store/container/hdf5_types.h"
 #include "store/files/mapped_file.h"
 #include "store/hdf5/bytes_driver.h"
@@ -72,6 +77,7 @@ class Hdf5Source : public VolumeSource {
     Hdf5Source(const InputFile& input, const SourceOptions& options) : input_(input) {
         const QuietHdf5 quiet;
         register_zstd_filter();
+        register_lzf_filter();
         file_ = input.is_far() ? open_hdf5(input.bytes()) : open_hdf5(input.path());
         if (!file_.valid() && is_being_written(input)) {
             throw Error(ErrorKind::io, {input.name()},
@@ -90,8 +96,23 @@ class Hdf5Source : public VolumeSource {
     }
     /// What the dataset's attributes say of its numbers.
     [[nodiscard]] Scaling scaling() const {
+        if (slices_) {
+            return {};
+        }
         // Elsewhere, attributes that cannot be fetched are not taken for ones that are not there.
         return reading(dataset_.get(), [this] { return said_scaling(); });
+    }
+    /// What the dialect says of them, where it says something.
+    [[nodiscard]] const std::optional<SliceScaling>& slices() const { return slices_; }
+    /// The part of the dataset that is the volume; the rest is padding.
+    [[nodiscard]] std::array<NodeRange, 3> without_padding() const {
+        std::array<NodeRange, 3> part;
+        const Int3 n = unpadded_nodes();
+        for (std::size_t a = 0; a < 3; ++a) {
+            const auto axis = static_cast<int>(a);
+            part.at(a).to = n[axis] < nodes_[axis] ? std::optional(n[axis]) : std::nullopt;
+        }
+        return part;
     }
     /// Axes whose coordinates run downward.
     [[nodiscard]] const std::array<bool, 3>& backward() const { return place_.in_world.backward; }
@@ -167,9 +188,16 @@ class Hdf5Source : public VolumeSource {
     }
 
     void open(const SourceOptions& options) {
-        dataset_name_ = options.dataset.empty()
-                            ? choose_dataset(file_.get(), input_.path(), !options.index.empty())
-                            : options.dataset;
+        dataset_name_ = options.dataset;
+        std::vector<AxisIndex> index = options.index;
+        if (dataset_name_.empty()) {
+            if (auto choice = dialect_choice(file_.get(), input_.name(), index)) {
+                dataset_name_ = choice->dataset;
+                index = std::move(choice->index);
+            } else {
+                dataset_name_ = choose_dataset(file_.get(), input_.path(), !index.empty());
+            }
+        }
         name_ = input_.name() + ":" + dataset_name_;
         std::string reason;
         dataset_ = open_named(&reason);
@@ -180,9 +208,14 @@ class Hdf5Source : public VolumeSource {
         }
         shape_ = shape_of(dataset_.get());
         const auto type = value_type_of(dataset_.get());
-        axes_ = hdf5_axes(dataset_.get(), shape_.dims);
-        if (type && (shape_.axes.empty() || !options.index.empty()) && !shape_.dims.empty()) {
-            choose_part(options);
+        const NamedDataset named{file_.get(), dataset_.get(), dataset_name_, name_};
+        const bool with_spacing = options.spacing.has_value();
+        if (type && !shape_.dims.empty()) {
+            dialect_ = dialect_of(named, shape_.dims, with_spacing);
+        }
+        axes_ = dialect_ ? dialect_->axes : hdf5_axes(dataset_.get(), shape_.dims);
+        if (type && (dialect_ || shape_.axes.empty() || !index.empty()) && !shape_.dims.empty()) {
+            choose_part(*type, index);
         }
         if (!type || shape_.axes.empty()) {
             throw Error(
@@ -208,10 +241,13 @@ class Hdf5Source : public VolumeSource {
             add_files_of(dataset_.get(), name_, files_);
         }
         unwritten_is_undefined_ = is_unwritten_undefined();
+        heap_ += is_in_order() ? 0 : kTurnedBytes;
         set_chunks(options);
-        place_ = hdf5_place({file_.get(), dataset_.get(), dataset_name_, name_}, shape_, axes_,
-                            options.spacing.has_value());
-        notes_.insert(notes_.end(), place_.notes.begin(), place_.notes.end());
+        place_ = dialect_ && !dialect_->steps.empty()
+                     ? place_by_dialect(*dialect_, shape_, unpadded_nodes(), with_spacing, name_)
+                     : hdf5_place(named, shape_, axes_, options);
+        add_notes(place_.notes);
+        add_notes(note_of_spacing(place_.said, nodes_, options));
         if (input_.is_far()) {
             far_numbers_ = open_far_contiguous(input_, dataset_.get(), shape_,
                                                {memory_type_.get(), type_}, name_);
@@ -220,6 +256,10 @@ class Hdf5Source : public VolumeSource {
             map_contiguous();
         }
         take_labels(options.labels);
+    }
+
+    void add_notes(const std::vector<std::string>& more) {
+        notes_.insert(notes_.end(), more.begin(), more.end());
     }
 
     DatasetHandle open_named(std::string* reason = nullptr) {
@@ -236,19 +276,54 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
-    void choose_part(const SourceOptions& options) {
+    void choose_part(ValueType type, const std::vector<AxisIndex>& index) {
         std::vector<ArrayAxis> axes;
         for (std::size_t i = 0; i < shape_.dims.size(); ++i) {
-            axes.push_back({axes_[i].name, static_cast<std::int64_t>(shape_.dims[i]), true});
+            const hsize_t length =
+                dialect_ && !dialect_->lengths.empty() ? dialect_->lengths[i] : shape_.dims[i];
+            const bool of_volume =
+                !dialect_ || dialect_->of_volume.empty() || dialect_->of_volume[i];
+            axes.push_back({axes_[i].name, static_cast<std::int64_t>(length), of_volume});
         }
-        const ChosenAxes chosen = choose_axes(axes, options.index, name_);
+        ChosenAxes chosen = choose_axes(axes, index, name_);
+        if (dialect_ && dialect_->by_names) {
+            chosen = by_names(chosen, axes);
+        }
+        add_notes(notes_of(chosen, axes));
+        if (dialect_ && chosen.no_space != std::array<bool, 3>{}) {
+            dialect_->frame = AnatomicalFrame::unknown;
+        }
         shape_.axes.clear();
+        bool is_whole = true;
         for (std::size_t a = 3; a-- > 0;) {
             if (chosen.axis.at(a)) {
                 shape_.axes.push_back(*chosen.axis.at(a));
             }
         }
-        shape_.at.assign(chosen.at.begin(), chosen.at.end());
+        for (std::size_t i = 0; i < axes.size(); ++i) {
+            is_whole = is_whole &&
+                       (shape_.dims[i] == 1 ||
+                        std::find(shape_.axes.begin(), shape_.axes.end(), i) != shape_.axes.end());
+        }
+        shape_.at.clear();
+        if (!is_whole) {
+            shape_.at.assign(chosen.at.begin(), chosen.at.end());
+        }
+        if (dialect_ && dialect_->range) {
+            slices_ = minc_scaling(*dialect_->range, axes, chosen, type, name_);
+            const std::string note = text_of(*dialect_->range, *slices_, type);
+            add_notes(note.empty() ? std::vector<std::string>{} : std::vector{note});
+        }
+    }
+
+    /// The volume's without the padding.
+    [[nodiscard]] Int3 unpadded_nodes() const {
+        return shape_.along_axes(dialect_ && !dialect_->lengths.empty() ? dialect_->lengths
+                                                                        : shape_.dims);
+    }
+    /// Whether the dataset has the volume's axes in their order, x fastest.
+    [[nodiscard]] bool is_in_order() const {
+        return std::is_sorted(shape_.axes.begin(), shape_.axes.end());
     }
 
     void take_unsigned() {
@@ -268,25 +343,41 @@ class Hdf5Source : public VolumeSource {
     /// A part of a slab, to its place in the slab. What is not in the part is left as it is.
     void read_by_hdf5(const Slab& part, const Slab& slab, std::byte* dst) {
         const QuietHdf5 quiet;
-        const std::int64_t z0 = part.z0;
         const std::int64_t nz = part.nz;
         if (unwritten_is_undefined_ && part.y0 == slab.y0) {
             std::memset(dst, 0, static_cast<std::size_t>(nz * slab.ny * nodes_.x) * size_of(type_));
         }
-        const std::vector<hsize_t> start = shape_.place_of({0, part.y0, z0});
-        const std::vector<hsize_t> count = shape_.along_dims({nodes_.x, part.ny, nz}, 1);
+        const Int3 low{0, part.y0, part.z0};
+        const Int3 high{nodes_.x, part.y0 + part.ny, part.z0 + nz};
+        if (is_in_order()) {
+            read_box(low, high, {nodes_.x, slab.ny, nz}, {0, part.y0 - slab.y0, 0}, dst);
+        } else {
+            turned_.resize(kTurnedBytes);
+            read_turned(low, high, slab, dst);
+        }
+        if (labels_ && part.y0 + part.ny == slab.y0 + slab.ny) {
+            to_labels(name_, static_cast<std::size_t>(nz * slab.ny * nodes_.x), dst);
+        }
+    }
+
+    /// Nodes [low, high), in the file's order of axes, to node `at` of a box of `size` nodes.
+    void read_box(const Int3& low, const Int3& high, const Int3& size, const Int3& at,
+                  std::byte* dst) {
+        const std::vector<hsize_t> start = shape_.place_of(low);
+        const std::vector<hsize_t> count = shape_.along_dims(high - low, 1);
         const SpaceHandle from(H5Dget_space(dataset_.get()));
         H5Sselect_hyperslab(from.get(), H5S_SELECT_SET, start.data(), nullptr, count.data(),
                             nullptr);
-        const std::vector<hsize_t> size = shape_.along_dims({nodes_.x, slab.ny, nz}, 1);
-        const SpaceHandle to(H5Screate_simple(static_cast<int>(size.size()), size.data(), nullptr));
-        const std::vector<hsize_t> at = shape_.along_dims({0, part.y0 - slab.y0, 0}, 0);
-        H5Sselect_hyperslab(to.get(), H5S_SELECT_SET, at.data(), nullptr, count.data(), nullptr);
+        const std::vector<hsize_t> whole = shape_.along_dims(size, 1);
+        const SpaceHandle to(
+            H5Screate_simple(static_cast<int>(whole.size()), whole.data(), nullptr));
+        const std::vector<hsize_t> first = shape_.along_dims(at, 0);
+        H5Sselect_hyperslab(to.get(), H5S_SELECT_SET, first.data(), nullptr, count.data(), nullptr);
         bool lossy = false;
         const PropertyHandle transfer = exact_transfer(lossy);
         if (H5Dread(dataset_.get(), memory_type_.get(), to.get(), from.get(), transfer.get(), dst) <
             0) {
-            const std::string planes = fmt::format("planes {} to {}", z0, z0 + nz - 1);
+            const std::string planes = fmt::format("planes {} to {}", low.z, high.z - 1);
             if (lossy) {
                 throw Error(ErrorKind::unsupported, {name_, planes},
                             "there are 64-bit integers that float64 cannot hold (beyond 2^53)");
@@ -294,8 +385,46 @@ class Hdf5Source : public VolumeSource {
             throw Error(ErrorKind::io, {name_, planes},
                         fmt::format("cannot read: {}", hdf5_message()));
         }
-        if (labels_ && part.y0 + part.ny == slab.y0 + slab.ny) {
-            to_labels(name_, static_cast<std::size_t>(nz * slab.ny * nodes_.x), dst);
+    }
+
+    /// Nodes [low, high) of a dataset whose axes are stored in another order, through a buffer.
+    void read_turned(const Int3& low, const Int3& high, const Slab& slab, std::byte* dst) {
+        const Int3 size = high - low;
+        const std::size_t value = size_of(type_);
+        if (static_cast<std::size_t>(size.product()) * value > kTurnedBytes) {
+            // In halves along the slowest axis that can be halved.
+            for (std::size_t i = 0; i < shape_.dims.size(); ++i) {
+                const auto axis = std::find(shape_.axes.rbegin(), shape_.axes.rend(), i);
+                const auto a = static_cast<int>(axis - shape_.axes.rbegin());
+                if (axis == shape_.axes.rend() || size[a] < 2) {
+                    continue;
+                }
+                Int3 middle = high;
+                middle[a] = low[a] + size[a] / 2;
+                Int3 from = low;
+                from[a] = middle[a];
+                read_turned(low, middle, slab, dst);
+                read_turned(from, high, slab, dst);
+                return;
+            }
+        }
+        read_box(low, high, size, {0, 0, 0}, turned_.data());
+        std::vector<hsize_t> strides(shape_.dims.size(), 1);
+        const std::vector<hsize_t> lengths = shape_.along_dims(size, 1);
+        for (std::size_t i = lengths.size() - 1; i > 0; --i) {
+            strides[i - 1] = strides[i] * lengths[i];
+        }
+        const Int3 stride = shape_.along_axes(strides);
+        for (std::int64_t z = 0; z < size.z; ++z) {
+            for (std::int64_t y = 0; y < size.y; ++y) {
+                const std::int64_t row =
+                    ((low.z + z - slab.z0) * slab.ny + low.y + y - slab.y0) * nodes_.x + low.x;
+                for (std::int64_t x = 0; x < size.x; ++x) {
+                    const std::int64_t at = x * stride.x + y * stride.y + z * stride.z;
+                    std::memcpy(dst + static_cast<std::size_t>(row + x) * value,
+                                turned_.data() + static_cast<std::size_t>(at) * value, value);
+                }
+            }
         }
     }
 
@@ -389,8 +518,9 @@ class Hdf5Source : public VolumeSource {
         const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
         const TypeHandle stored(H5Dget_type(dataset_.get()));
         const haddr_t offset = offset_of_values(dataset_.get());
-        if (!shape_.at.empty() || H5Pget_layout(creation.get()) != H5D_CONTIGUOUS ||
-            offset == HADDR_UNDEF || H5Pget_external_count(creation.get()) != 0 ||
+        if (!shape_.at.empty() || !is_in_order() ||
+            H5Pget_layout(creation.get()) != H5D_CONTIGUOUS || offset == HADDR_UNDEF ||
+            H5Pget_external_count(creation.get()) != 0 ||
             H5Tequal(stored.get(), memory_type_.get()) <= 0 || offset % size_of(type_) != 0) {
             return;
         }
@@ -432,6 +562,8 @@ class Hdf5Source : public VolumeSource {
     Int3 nodes_{1, 1, 1};
     ValueType type_ = ValueType::f32;
     std::vector<Hdf5Axis> axes_;  ///< of the dataset
+    std::optional<Hdf5Dialect> dialect_;
+    std::optional<SliceScaling> slices_;
     Hdf5Place place_;
     bool labels_ = false;    ///< the stored integers of 64 bits are labels
     bool unsigned_ = false;  ///< the stored integers are signed, and mean unsigned ones
@@ -442,6 +574,8 @@ class Hdf5Source : public VolumeSource {
     /// Of a file elsewhere, a contiguous dataset; or chunks that HDF5 has to decode.
     std::unique_ptr<VolumeSource> far_numbers_;
     std::unique_ptr<FarChunks> far_chunks_;
+    static constexpr std::size_t kTurnedBytes = std::size_t{4} << 20U;
+    std::vector<std::byte> turned_;  ///< a part of a dataset with its axes in another order
     std::optional<MappedFile> map_;
     std::span<const std::byte> mapped_;
     std::uint64_t heap_ = 2U << 20U;
@@ -453,7 +587,17 @@ std::unique_ptr<VolumeSource> open_hdf5_volume(const InputFile& file,
     auto source = std::make_unique<Hdf5Source>(file, options);
     const Scaling scaling = source->scaling();
     const std::array<bool, 3> back = source->backward();
-    std::unique_ptr<VolumeSource> volume = mirrored(std::move(source), back);
+    const std::optional<SliceScaling> slices = source->slices();
+    const std::array<NodeRange, 3> part = source->without_padding();
+    std::unique_ptr<VolumeSource> volume = std::move(source);
+    if (std::any_of(part.begin(), part.end(),
+                    [](const NodeRange& r) { return r.to.has_value(); })) {
+        volume = cropped(std::move(volume), part, {1, 1, 1});
+    }
+    if (slices) {
+        volume = scaled_by_slices(std::move(volume), *slices);
+    }
+    volume = mirrored(std::move(volume), back);
     return scaled(std::move(volume), scaling);
 }
 

@@ -1,13 +1,12 @@
 #include "preprocess/sources/hdf5/hdf5_place.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 
 #include "preprocess/sources/hdf5/vtkhdf_place.h"
-#include "preprocess/sources/placement/axis_units.h"
+#include "preprocess/sources/placement/coordinates.h"
 #include "store/container/hdf5_types.h"
 
 namespace isonest::detail {
@@ -19,46 +18,30 @@ const Hdf5Axis& axis_of(const DatasetShape& shape, const std::vector<Hdf5Axis>& 
     return axes[shape.axes[shape.axes.size() - 1 - i]];
 }
 
-/// Axes that coordinates do not place have none.
-AxisUnits units_of_axes(const DatasetShape& shape, const Int3& nodes,
-                        const std::vector<Hdf5Axis>& axes) {
-    AxisUnits units;
-    for (std::size_t i = 0; i < shape.axes.size(); ++i) {
-        const Hdf5Axis& axis = axis_of(shape, axes, i);
-        const bool placed = axis.even && axis.even->step != 0;
-        units.at(i) = counted_unit(nodes[static_cast<int>(i)], placed ? axis.unit : "");
-    }
-    return units;
-}
-
 /// Evenly spaced coordinates of the axes place the volume in the world.
-Hdf5Place place_by_coordinates(const DatasetShape& shape, const Int3& nodes,
-                               const std::vector<Hdf5Axis>& axes) {
-    Hdf5Place place;
-    const CommonUnit common = common_unit(units_of_axes(shape, nodes, axes));
+Hdf5Place place_of_scales(const DatasetShape& shape, const Int3& nodes,
+                          const std::vector<Hdf5Axis>& axes, const SourceOptions& options,
+                          const std::string& name) {
+    std::array<std::optional<AxisCoordinates>, 3> said;
     for (std::size_t i = 0; i < shape.axes.size(); ++i) {
         const Hdf5Axis& axis = axis_of(shape, axes, i);
-        if (axis.uneven) {
-            place.notes.push_back(fmt::format(
-                "the coordinates '{}' are not evenly spaced: the nodes are placed 1 apart",
-                axis.name));
-        }
-        if (!axis.even || axis.even->step == 0 || !common.places(i)) {
-            continue;
-        }
-        const std::int64_t count = nodes[static_cast<int>(i)];
-        // One node alone has no spacing.
-        const double step = count == 1 ? 1 : common.converted(i, axis.even->step);
+        said.at(i) = {axis.name, axis.coordinates, axis.unit};
+    }
+    const CoordinatePlace by = place_by_coordinates(said, nodes, options, name);
+    Hdf5Place place;
+    place.unit = by.unit;
+    place.notes = by.notes;
+    place.said = by.said;
+    for (std::size_t i = 0; i < 3; ++i) {
         Placement& in_world = place.in_world;
-        in_world.spacing.at(i) = std::fabs(step);
-        in_world.origin.at(i) = common.converted(i, axis.even->first);
-        if (step < 0) {
+        in_world.spacing.at(i) = std::fabs(by.step.at(i));
+        in_world.origin.at(i) = by.first.at(i);
+        if (by.step.at(i) < 0) {
             in_world.backward.at(i) = true;
-            in_world.origin.at(i) += step * static_cast<double>(count - 1);
+            in_world.origin.at(i) +=
+                by.step.at(i) * static_cast<double>(nodes[static_cast<int>(i)] - 1);
         }
     }
-    place.unit = common.unit;
-    place.notes.insert(place.notes.end(), common.notes.begin(), common.notes.end());
     return place;
 }
 
@@ -69,17 +52,19 @@ void read_element_size(hid_t dataset, const DatasetShape& shape, Hdf5Place& plac
         std::all_of(size->begin(), size->end(), [](double s) { return s > 0; })) {
         std::reverse_copy(size->begin(), size->end(), place.in_world.spacing.begin());
         place.unit = LengthUnit::micrometre;
+        place.said = {true, true, true};
     }
 }
 
-/// An attribute of three numbers, x first, or of one for each axis of the volume.
-void read_three(hid_t dataset, const DatasetShape& shape, const char* name, Double3& three) {
+/// An attribute of three numbers, x first, or of one for each axis of the volume. How many it has.
+std::size_t read_three(hid_t dataset, const DatasetShape& shape, const char* name, Double3& three) {
     for (const std::size_t count : {std::size_t{3}, shape.axes.size()}) {
         if (const auto numbers = read_numbers(dataset, name, count)) {
             std::copy(numbers->begin(), numbers->end(), three.begin());
-            return;
+            return count;
         }
     }
+    return 0;
 }
 
 /// VTK's matrix, row by row: its columns are the axes.
@@ -94,16 +79,29 @@ void read_direction(hid_t dataset, Directions& direction) {
 }  // namespace
 
 Hdf5Place hdf5_place(const NamedDataset& of, const DatasetShape& shape,
-                     const std::vector<Hdf5Axis>& axes, bool straight) {
+                     const std::vector<Hdf5Axis>& axes, const SourceOptions& options) {
     const Int3 nodes = shape.along_axes(shape.dims);
-    Hdf5Place place = place_by_coordinates(shape, nodes, axes);
+    // What is said later counts more, also of scales that are not even.
+    Double3 spacing{1, 1, 1};
+    const std::size_t count = read_three(of.dataset, shape, "spacing", spacing);
+    SourceOptions given = options;
+    if (count > 0 && !given.spacing) {
+        given.spacing = spacing;
+    }
+    Hdf5Place place = place_of_scales(shape, nodes, axes, given, of.name);
     read_element_size(of.dataset, shape, place);
     constexpr std::size_t kMostAxesOfImage = 4;
     if (shape.axes == std::vector<std::size_t>{0, 1, 2} && shape.dims.size() <= kMostAxesOfImage) {
-        place.in_world =
-            vtkhdf_place(of.file, of.path, nodes, straight, of.name).value_or(place.in_world);
+        if (const auto image =
+                vtkhdf_place(of.file, of.path, nodes, options.spacing.has_value(), of.name)) {
+            place.in_world = *image;
+            place.said = {true, true, true};
+        }
     }
-    read_three(of.dataset, shape, "spacing", place.in_world.spacing);
+    for (std::size_t i = 0; i < count; ++i) {
+        place.in_world.spacing.at(i) = spacing.at(i);
+        place.said.at(i) = true;
+    }
     read_three(of.dataset, shape, "origin", place.in_world.origin);
     read_direction(of.dataset, place.in_world.direction);
     if (const auto unit = length_unit_from(text_of_attribute(of.dataset, "unit"))) {

@@ -4,6 +4,8 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <array>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -13,9 +15,11 @@
 #include "preprocess/sources/bytes/lower_case.h"
 #include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/netcdf/netcdf3_header.h"
-#include "preprocess/sources/placement/axis_units.h"
 #include "preprocess/sources/placement/cf_convention.h"
+#include "preprocess/sources/placement/coordinates.h"
+#include "preprocess/sources/placement/minc_convention.h"
 #include "preprocess/sources/placement/placed_array.h"
+#include "preprocess/sources/placement/unsaid_spacing.h"
 #include "preprocess/sources/wrapping/noted_source.h"
 #include "preprocess/sources/wrapping/scaled_source.h"
 #include "store/lattice/lattice.h"
@@ -36,9 +40,28 @@ const NetcdfAttribute* attribute_of(const NetcdfVariable& v, const std::string& 
     return it == v.attributes.end() ? nullptr : &*it;
 }
 
+std::string text_in(const NetcdfVariable& v, const char* name) {
+    const NetcdfAttribute* const said = attribute_of(v, name);
+    return said == nullptr ? "" : std::string(said->text.c_str());
+}
+
+std::vector<double> numbers_in(const NetcdfVariable& v, const char* name) {
+    const NetcdfAttribute* const said = attribute_of(v, name);
+    return said == nullptr ? std::vector<double>{} : said->numbers;
+}
+
+/// MINC 1: the variables of its standard say so.
+bool is_of_minc(const NetcdfVariable& v) {
+    return text_in(v, "varid").starts_with("MINC");
+}
+
 bool is_unsigned(const NetcdfVariable& v) {
-    const NetcdfAttribute* const said = attribute_of(v, "_Unsigned");
-    return said != nullptr && lower(said->text) == "true";
+    constexpr int kByte = 1;
+    if (is_of_minc(v) && v.name == "image") {
+        const std::string sign = text_in(v, "signtype");
+        return sign.empty() ? v.type == kByte : sign.starts_with("unsigned");
+    }
+    return lower(text_in(v, "_Unsigned")) == "true";
 }
 
 void set_type(const NetcdfVariable& v, PlacedArray& array) {
@@ -94,6 +117,12 @@ const NetcdfVariable* coordinates_of(const NetcdfHeader& header, std::size_t dim
     return nullptr;
 }
 
+const NetcdfVariable* variable_of(const NetcdfHeader& header, const std::string& name) {
+    const auto it = std::find_if(header.variables.begin(), header.variables.end(),
+                                 [&](const NetcdfVariable& v) { return v.name == name; });
+    return it == header.variables.end() ? nullptr : &*it;
+}
+
 std::string list_of(const NetcdfHeader& header) {
     constexpr std::size_t kMostListed = 40;
     static constexpr std::array<const char*, 12> kTypes{"",       "int8",    "text",    "int16",
@@ -117,6 +146,15 @@ const NetcdfVariable& choose(const NetcdfHeader& header, const SourceOptions& op
                              const std::string& name) {
     const NetcdfVariable* best = nullptr;
     std::size_t count = 0;
+    if (options.dataset.empty() &&
+        std::any_of(header.variables.begin(), header.variables.end(), is_of_minc)) {
+        if (const NetcdfVariable* const image = variable_of(header, "image")) {
+            return *image;
+        }
+        throw Error(
+            ErrorKind::corrupt, {name},
+            "this is MINC 1, but there is no variable 'image'; the file has:" + list_of(header));
+    }
     for (const NetcdfVariable& v : header.variables) {
         const bool scale = v.dims.size() == 1 && v.name == header.dims[v.dims[0]].name;
         if (!options.dataset.empty()) {
@@ -190,6 +228,142 @@ std::vector<double> read_numbers(const std::filesystem::path& path, const Netcdf
     return numbers;
 }
 
+/// All numbers of a variable of any number of axes; none if they are more than `most`, text, or not
+/// all there.
+std::vector<double> all_numbers(const std::filesystem::path& path, const NetcdfHeader& header,
+                                const NetcdfVariable& v, std::uint64_t most) {
+    const std::size_t value = netcdf_type_bytes(v.type);
+    const std::uint64_t records = v.record ? header.dims[v.dims[0]].length : 1;
+    const std::uint64_t each = v.bytes / value;
+    std::vector<double> numbers;
+    if (v.type == kText || each > most || records > most / each) {
+        return numbers;
+    }
+    for (std::uint64_t r = 0; r < records; ++r) {
+        const std::string bytes =
+            first_bytes(path, static_cast<std::size_t>(v.bytes), v.begin + r * header.record_bytes);
+        if (bytes.size() != v.bytes) {
+            return {};
+        }
+        for (std::uint64_t i = 0; i < each; ++i) {
+            numbers.push_back(netcdf_number(bytes, static_cast<std::size_t>(i * value), v.type));
+        }
+    }
+    return numbers;
+}
+
+/// Where MINC's image lies, in the order of its axes.
+MincPlace place_of_minc(const NetcdfHeader& header, const NetcdfVariable& v,
+                        const SourceOptions& options, const std::string& name) {
+    std::vector<MincDimension> dims;
+    for (const std::size_t d : v.dims) {
+        MincDimension dim{header.dims[d].name, static_cast<std::int64_t>(header.dims[d].length)};
+        if (const NetcdfVariable* const said = variable_of(header, dim.name)) {
+            dim.start = numbers_in(*said, "start");
+            dim.step = numbers_in(*said, "step");
+            dim.cosines = numbers_in(*said, "direction_cosines");
+            dim.spacing = text_in(*said, "spacing");
+            dim.units = text_in(*said, "units");
+        }
+        dims.push_back(std::move(dim));
+    }
+    return minc_place(dims, options.spacing.has_value(), name);
+}
+
+MincRange range_of_minc(const std::filesystem::path& path, const NetcdfHeader& header,
+                        const NetcdfVariable& image, const std::string& name) {
+    MincRange range;
+    range.valid = numbers_in(image, "valid_range");
+    if (range.valid.size() != 2) {
+        range.valid = numbers_in(image, "valid_min");
+        const std::vector<double> most = numbers_in(image, "valid_max");
+        range.valid.insert(range.valid.end(), most.begin(), most.end());
+    }
+    const NetcdfVariable* const most = variable_of(header, "image-max");
+    const NetcdfVariable* const least = variable_of(header, "image-min");
+    if (most == nullptr && least == nullptr) {
+        return range;
+    }
+    if (most == nullptr || least == nullptr || most->dims != least->dims ||
+        most->dims.size() > image.dims.size() ||
+        !std::equal(most->dims.begin(), most->dims.end(), image.dims.begin())) {
+        throw Error(ErrorKind::corrupt, {name},
+                    "this is MINC 1, but image-min and image-max are not there for the same first "
+                    "axes of the image");
+    }
+    range.dims = most->dims.size();
+    range.most = all_numbers(path, header, *most, kMostMincRanges);
+    range.least = all_numbers(path, header, *least, kMostMincRanges);
+    if (range.most.empty() || range.least.empty()) {
+        throw Error(ErrorKind::corrupt, {name},
+                    "this is MINC 1, but image-min and image-max cannot be read");
+    }
+    return range;
+}
+
+AxisCoordinates coordinates_along(const std::filesystem::path& path, const NetcdfHeader& header,
+                                  std::size_t dim) {
+    const NetcdfVariable* const c = coordinates_of(header, dim);
+    if (c == nullptr) {
+        return {header.dims[dim].name};
+    }
+    const NetcdfAttribute* const unit = attribute_of(*c, "units");
+    return {c->name, read_numbers(path, header, *c), unit == nullptr ? "" : unit->text};
+}
+
+/// By the coordinates of its axes.
+void place_as_cf(const std::filesystem::path& path, const NetcdfHeader& header,
+                 const NetcdfVariable& v, const SourceOptions& options, PlacedArray& array,
+                 std::vector<std::string>& notes) {
+    const ChosenAxes chosen = choose_axes(array.axes, options.index, array.name);
+    std::array<std::optional<AxisCoordinates>, 3> said;
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (chosen.axis.at(a)) {
+            said.at(a) = coordinates_along(path, header, v.dims[*chosen.axis.at(a)]);
+        }
+    }
+    const CoordinatePlace by = place_by_coordinates(said, chosen.nodes, options, array.name);
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (chosen.axis.at(a)) {
+            array.steps[*chosen.axis.at(a)].at(a) = by.step.at(a);
+        }
+    }
+    array.first = by.first;
+    array.layout.unit = by.unit;
+    notes.insert(notes.end(), by.notes.begin(), by.notes.end());
+    const auto unsaid = note_of_spacing(by.said, chosen.nodes, options);
+    notes.insert(notes.end(), unsaid.begin(), unsaid.end());
+}
+
+/// As MINC says, values as well.
+void place_as_minc(const std::filesystem::path& path, const NetcdfHeader& header,
+                   const NetcdfVariable& v, const SourceOptions& options, PlacedArray& array,
+                   std::vector<std::string>& notes) {
+    const MincPlace place = place_of_minc(header, v, options, array.name);
+    array.axes = place.axes;
+    array.steps = place.steps;
+    array.first = place.first;
+    array.spacing_is_given = options.spacing.has_value();
+    array.layout.unit = place.unit;
+    array.layout.frame = AnatomicalFrame::ras;
+    const ChosenAxes chosen = choose_axes(array.axes, options.index, array.name);
+    if (array.stored) {
+        throw Error(ErrorKind::unsupported, {array.name},
+                    "this is MINC 1 with integers of 64 bits, which MINC does not have");
+    }
+    const MincRange range = range_of_minc(path, header, v, array.name);
+    array.scaling = minc_scaling(range, array.axes, chosen, array.layout.type, array.name);
+    if (const std::string note = text_of(range, *array.scaling, array.layout.type); !note.empty()) {
+        notes.push_back(note);
+    }
+    std::array<bool, 3> said{};
+    for (std::size_t a = 0; a < 3; ++a) {
+        said.at(a) = chosen.axis.at(a) && place.said[*chosen.axis.at(a)];
+    }
+    const auto unsaid = note_of_spacing(said, chosen.nodes, options);
+    notes.insert(notes.end(), unsaid.begin(), unsaid.end());
+}
+
 std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const SourceOptions& options) {
     const std::filesystem::path& path = input.path();
     const NetcdfHeader header = read_netcdf3_header(path);
@@ -200,7 +374,8 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
     set_type(v, array);
     const std::size_t value = netcdf_type_bytes(v.type);
     std::vector<std::string> notes;
-    if (is_unsigned(v)) {
+    const bool minc = is_of_minc(v) && v.name == "image";
+    if (is_unsigned(v) && !minc) {
         notes.emplace_back("stored numbers are taken as unsigned (_Unsigned)");
     }
     array.strides = strides_of(header, v);
@@ -218,46 +393,10 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
         array.axes.push_back(
             {header.dims[d].name, static_cast<std::int64_t>(header.dims[d].length), true});
     }
-    const ChosenAxes chosen = choose_axes(array.axes, options.index, array.name);
-    AxisUnits units;
-    for (std::size_t a = 0; a < 3; ++a) {
-        if (!chosen.axis.at(a)) {
-            continue;
-        }
-        const std::size_t axis = *chosen.axis.at(a);
-        double step = 1;
-        const auto nodes = static_cast<std::int64_t>(header.dims[v.dims[axis]].length);
-        units.at(a) = counted_unit(nodes, "");  // if no coordinates place it
-        if (const NetcdfVariable* const c = coordinates_of(header, v.dims[axis])) {
-            const auto even = even_axis(read_numbers(path, header, *c));
-            if (!even) {
-                notes.push_back(
-                    fmt::format("the coordinates '{}' are not evenly spaced: the nodes "
-                                "are placed 1 apart",
-                                c->name));
-            } else if (even->step != 0) {
-                step = even->step;
-                array.first.at(a) = even->first;
-                const NetcdfAttribute* const unit = attribute_of(*c, "units");
-                units.at(a) = counted_unit(nodes, unit == nullptr ? "" : unit->text);
-            }
-        }
-        array.steps[axis].at(a) = step;
-    }
-    const CommonUnit common = common_unit(units);
-    for (std::size_t a = 0; a < 3; ++a) {
-        if (chosen.axis.at(a)) {
-            double& step = array.steps[*chosen.axis.at(a)].at(a);
-            if (chosen.nodes[static_cast<int>(a)] > 1) {
-                step = common.converted(a, step);
-            }
-            array.first.at(a) = common.places(a) ? common.converted(a, array.first.at(a)) : 0;
-        }
-    }
-    array.layout.unit = common.unit;
-    notes.insert(notes.end(), common.notes.begin(), common.notes.end());
-    if (options.spacing) {
-        array.steps.clear();
+    if (minc) {
+        place_as_minc(path, header, v, options, array, notes);
+    } else {
+        place_as_cf(path, header, v, options, array, notes);
     }
     array.layout.big_endian = true;
     array.layout.packing = Packing::plain;
@@ -265,6 +404,9 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
     array.layout.offset = v.begin;
     auto source = open_placed(array, options.index);
     source = with_notes(std::move(source), std::move(notes));
+    if (minc) {
+        return source;
+    }
     const auto numbers = [&](const std::string& name) -> std::vector<double> {
         const NetcdfAttribute* const attribute = attribute_of(v, name);
         std::vector<double> list =

@@ -14,6 +14,7 @@
 #include "preprocess/sources/bytes/zip_directory.h"
 #include "preprocess/sources/numpy/npy_header.h"
 #include "preprocess/sources/placement/placed_array.h"
+#include "preprocess/sources/placement/unsaid_spacing.h"
 
 namespace isonest::detail {
 namespace {
@@ -34,7 +35,7 @@ std::unique_ptr<VolumeSource> open_array(const NpyHeader& header, PlacedArray ar
     array.layout.type = header.type;
     array.stored = header.stored;
     array.layout.big_endian = header.big_endian;
-    return open_placed(array, options.index);
+    return without_spacing(open_placed(array, options.index), options);
 }
 
 bool is_npy(const VolumeInput& input) {

@@ -296,4 +296,26 @@ std::vector<std::string> notes_of(const ChosenAxes& chosen, std::span<const Arra
     return notes;
 }
 
+ChosenAxes by_names(const ChosenAxes& chosen, std::span<const ArrayAxis> axes) {
+    ChosenAxes named = chosen;
+    named.axis = {};
+    named.nodes = {1, 1, 1};
+    named.no_space = {};
+    std::size_t count = 0;
+    for (const std::optional<std::size_t>& axis : chosen.axis) {
+        if (!axis) {
+            continue;
+        }
+        ++count;
+        const std::string& name = axes[*axis].name;
+        const std::size_t a = name == "x" ? 0 : name == "y" ? 1 : name == "z" ? 2 : 3;
+        if (a == 3 || named.axis.at(a)) {
+            return chosen;
+        }
+        named.axis.at(a) = axis;
+        named.nodes[static_cast<int>(a)] = axes[*axis].length;
+    }
+    return count == 3 || (count == 2 && !named.axis[2]) ? named : chosen;
+}
+
 }  // namespace isonest::detail

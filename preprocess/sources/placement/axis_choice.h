@@ -44,6 +44,10 @@ struct ChosenAxes {
 ChosenAxes choose_axes(std::span<const ArrayAxis> axes, std::span<const AxisIndex> index,
                        const std::string& name);
 
+/// Where all axes that were chosen are called x, y and z: those, in whatever order they are stored.
+/// Else as they were chosen.
+ChosenAxes by_names(const ChosenAxes& chosen, std::span<const ArrayAxis> axes);
+
 /// Where a volume lies in an array that is stored as numbers one after the other.
 struct ArrayPlace {
     Int3 nodes{1, 1, 1};

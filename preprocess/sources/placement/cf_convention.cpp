@@ -61,26 +61,4 @@ void unpack(std::vector<double>& coordinates, const NumbersOfAttribute& attribut
     }
 }
 
-std::optional<EvenAxis> even_axis(const std::vector<double>& coordinates) {
-    if (coordinates.empty() || !std::all_of(coordinates.begin(), coordinates.end(),
-                                            [](double c) { return std::isfinite(c); })) {
-        return std::nullopt;
-    }
-    EvenAxis axis;
-    axis.first = coordinates.front();
-    if (coordinates.size() == 1) {
-        return axis;
-    }
-    axis.step =
-        (coordinates.back() - coordinates.front()) / static_cast<double>(coordinates.size() - 1);
-    constexpr double kMostShift = 0.1;
-    for (std::size_t i = 0; i < coordinates.size(); ++i) {
-        if (!(std::fabs(coordinates[i] - axis.first - static_cast<double>(i) * axis.step) <
-              kMostShift * std::fabs(axis.step))) {
-            return std::nullopt;
-        }
-    }
-    return axis;
-}
-
 }  // namespace isonest::detail

@@ -3,7 +3,6 @@
 
 #include <cstddef>
 #include <functional>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -30,13 +29,5 @@ void take_as_unsigned(std::vector<double>& numbers, std::size_t bytes);
 /// Coordinates that are packed as values may be: `scale_factor` and `add_offset` are applied, if
 /// they are numbers and the factor is not 0.
 void unpack(std::vector<double>& coordinates, const NumbersOfAttribute& attribute);
-
-/// The spacing and the first of evenly spaced coordinates; none if they are not even by a tenth of
-/// their mean distance, or no numbers. One coordinate has spacing 1.
-struct EvenAxis {
-    double first = 0;
-    double step = 1;
-};
-std::optional<EvenAxis> even_axis(const std::vector<double>& coordinates);
 
 }  // namespace isonest::detail

@@ -5,6 +5,8 @@
 #include <optional>
 #include <utility>
 
+#include <isonest/error.h>
+
 #include "preprocess/sources/numbers/byte_source.h"
 #include "preprocess/sources/numbers/raw_source.h"
 #include "preprocess/sources/placement/placement.h"
@@ -81,7 +83,14 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
             }
         }
         apart = place_what_is_no_space(array, chosen, steps);
-        placement = place_in_world(layout.nodes, steps, first, array.name);
+        try {
+            placement = place_in_world(layout.nodes, steps, first, array.name);
+        } catch (const Error&) {
+            if (!array.spacing_is_given) {
+                throw;
+            }
+            placement.emplace().origin = first;
+        }
         set_place(*placement, layout);
     }
     const bool is_stream = bytes != nullptr && bytes->sequential();
@@ -95,6 +104,9 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
         placement = with_z_as_it_runs(*placement, layout.nodes);
         set_place(*placement, layout);
         source = open_raw(array.file, array.name, layout);
+    }
+    if (array.scaling) {
+        source = scaled_by_slices(std::move(source), *array.scaling);
     }
     if (placement) {
         source = mirrored(std::move(source), placement->backward);

@@ -17,6 +17,7 @@
 #include "preprocess/sources/numbers/raw_layout.h"
 #include "preprocess/sources/placement/axis_choice.h"
 #include "preprocess/sources/wrapping/converted_source.h"
+#include "preprocess/sources/wrapping/slice_scaled_source.h"
 
 namespace isonest::detail {
 
@@ -30,6 +31,8 @@ struct PlacedArray {
     RawLayout layout = {};          ///< all but nodes, strides, first, whole and the place
     /// Numbers of a type that volumes do not have; layout.type is set from it.
     std::optional<StoredNumber> stored = {};
+    /// What is done to the stored numbers of the volume that `index` leaves; not with `stored`.
+    std::optional<SliceScaling> scaling = {};
     /// The world's step along each of `axes`, and where the array's first value lies. None: a step
     /// of 1 along the world's axes, the fastest along x.
     std::vector<Double3> steps = {};
@@ -37,6 +40,8 @@ struct PlacedArray {
     /// For each of `axes` that is no direction in space the distance of its positions, if somebody
     /// takes the whole axis; 0 or none: 1.
     std::vector<double> apart = {};
+    /// The caller gives a spacing: steps that are sheared are ignored, not refused.
+    bool spacing_is_given = false;
 };
 
 /// The volume that `index` leaves of it. Axes that run backward are turned around.

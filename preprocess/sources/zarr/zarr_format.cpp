@@ -16,7 +16,9 @@
 
 #include "preprocess/sources/placement/axis_units.h"
 #include "preprocess/sources/placement/cf_convention.h"
+#include "preprocess/sources/placement/coordinates.h"
 #include "preprocess/sources/placement/placement.h"
+#include "preprocess/sources/placement/unsaid_spacing.h"
 #include "preprocess/sources/wrapping/converted_source.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
 #include "preprocess/sources/wrapping/named_labels_source.h"
@@ -28,29 +30,6 @@
 
 namespace isonest::detail {
 namespace {
-
-/// OME's axes x, y and z are those of the world by their names, in whatever order they are stored.
-ChosenAxes by_names(const ChosenAxes& chosen, const std::vector<ArrayAxis>& axes) {
-    ChosenAxes named = chosen;
-    named.axis = {};
-    named.nodes = {1, 1, 1};
-    named.no_space = {};
-    std::size_t count = 0;
-    for (const std::optional<std::size_t>& axis : chosen.axis) {
-        if (!axis) {
-            continue;
-        }
-        ++count;
-        const std::string& name = axes[*axis].name;
-        const std::size_t a = name == "x" ? 0 : name == "y" ? 1 : name == "z" ? 2 : 3;
-        if (a == 3 || named.axis.at(a)) {
-            return chosen;
-        }
-        named.axis.at(a) = axis;
-        named.nodes[static_cast<int>(a)] = axes[*axis].length;
-    }
-    return count == 3 || (count == 2 && !named.axis[2]) ? named : chosen;
-}
 
 /// Of the axes that were chosen; those of one position need none.
 CommonUnit unit_of(const ZarrImage& image, const ChosenAxes& chosen) {
@@ -193,34 +172,36 @@ std::string unit_of_coordinates(ZarrFiles& files, const std::filesystem::path& f
 }
 
 /// The coordinates of an axis are an array of its name beside the volume, as xarray has it.
-void place_by_coordinates(const std::shared_ptr<ZarrFiles>& files, const ChosenAxes& chosen,
-                          const SourceOptions& options, ZarrImage& image,
-                          std::vector<std::string>& notes) {
+CoordinatePlace place_beside(const std::shared_ptr<ZarrFiles>& files, const ChosenAxes& chosen,
+                             const SourceOptions& options, ZarrImage& image,
+                             const std::string& name) {
     const std::filesystem::path group = image.array.folder.parent_path();
-    for (const std::optional<std::size_t>& axis : chosen.axis) {
-        if (!axis || image.array.names.empty()) {
+    std::array<std::optional<AxisCoordinates>, 3> said;
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (!chosen.axis.at(a)) {
             continue;
         }
-        const std::string& name = image.array.names[*axis];
-        if (name.empty() || name == "." || name == ".." || name.find('/') != std::string::npos) {
+        const std::size_t axis = *chosen.axis.at(a);
+        said.at(a).emplace();
+        const std::string of = image.array.names.empty() ? "" : image.array.names[axis];
+        if (of.empty() || of == "." || of == ".." || of.find('/') != std::string::npos) {
             continue;
         }
-        const std::vector<double> numbers =
-            coordinates_of(files, group / name, image.axes[*axis].length, options);
-        if (numbers.size() < 2) {
-            continue;
+        std::vector<double> numbers =
+            coordinates_of(files, group / of, image.axes[axis].length, options);
+        if (numbers.size() >= 2) {
+            image.files.push_back(description_of(*files, group / of));
+            said.at(a) = {of, std::move(numbers), unit_of_coordinates(*files, group / of)};
         }
-        image.files.push_back(description_of(*files, group / name));
-        const std::optional<EvenAxis> even = even_axis(numbers);
-        if (!even || even->step == 0) {
-            notes.push_back(fmt::format(
-                "the coordinates '{}' are not evenly spaced: the nodes are placed 1 apart", name));
-            continue;
-        }
-        image.scale[*axis] = even->step;
-        image.translation[*axis] = even->first;
-        image.units[*axis] = unit_of_coordinates(*files, group / name);
     }
+    CoordinatePlace by = place_by_coordinates(said, chosen.nodes, options, name);
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (chosen.axis.at(a)) {
+            image.scale[*chosen.axis.at(a)] = by.step.at(a);
+            image.translation[*chosen.axis.at(a)] = by.first.at(a);
+        }
+    }
+    return by;
 }
 
 /// A URL may name an object that is not there, and no folder either.
@@ -271,15 +252,23 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
     }
     const Scaling scaling = scaling_of(image.array, name);
     std::vector<std::string> notes;
-    if (!options.spacing && !image.ome) {
-        place_by_coordinates(files, chosen, options, image, notes);
+    CommonUnit unit;
+    std::array<bool, 3> said{};
+    if (image.ome) {
+        unit = unit_of(image, chosen);
+        notes = unit.notes;
+        said.fill(image.says_scale);
+    } else {
+        const CoordinatePlace by = place_beside(files, chosen, options, image, name);
+        unit.unit = by.unit;
+        notes = by.notes;
+        said = by.said;
     }
-    const CommonUnit unit = unit_of(image, chosen);
-    notes.insert(notes.end(), unit.notes.begin(), unit.notes.end());
+    for (const auto& more : {note_of_spacing(said, chosen.nodes, options), files->notes()}) {
+        notes.insert(notes.end(), more.begin(), more.end());
+    }
     const std::vector<std::string> about_axes = notes_of(chosen, image.axes);
     notes.insert(notes.end(), about_axes.begin(), about_axes.end());
-    const std::vector<std::string> about_files = files->notes();
-    notes.insert(notes.end(), about_files.begin(), about_files.end());
     const Placement place = place_of(image, chosen, unit, name);
     const std::optional<StoredNumber> stored = image.array.stored;
     const FoundLabels labels = std::move(image.labels);

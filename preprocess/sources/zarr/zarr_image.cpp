@@ -58,6 +58,7 @@ void transform(const json& list, ZarrImage& image, const std::string& name) {
                                     one.dump(), image.axes.size()),
                         {{RemedyKind::place_in_world, "spacing"}});
         }
+        image.says_scale = image.says_scale || scales;
         for (std::size_t i = 0; i < numbers.size(); ++i) {
             const auto number = numbers[i].get<double>();
             image.scale[i] *= scales ? number : 1;

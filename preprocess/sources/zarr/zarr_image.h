@@ -20,6 +20,7 @@ struct ZarrImage {
     std::vector<double> translation;  ///< per axis: where position 0 lies
     std::vector<std::string> units;   ///< per axis: what the two are in; empty if nothing says
     bool ome = false;                 ///< OME's description places it
+    bool says_scale = false;          ///< and says a scale
     FoundLabels labels = {};          ///< what OME says of its labels
     std::vector<std::filesystem::path> files;  ///< the descriptions that were read
 };
