@@ -609,7 +609,7 @@ bool is_hdf5(const InputFile& file) {
 
 VolumeFormat hdf5_format() {
     return {
-        .about = {"HDF5", ".h5 .hdf5 .nc .mat", ""},
+        .about = {"HDF5", ".h5 .hdf5 .nc .mat .mnc .ims .hspy .emd .cmap", ""},
         .takes = {.dataset = true, .index = true},
         .reads_urls = true,
         .recognises = [](const VolumeInput& input) { return !input.folder && is_hdf5(input.file); },

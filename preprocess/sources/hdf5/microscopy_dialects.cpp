@@ -23,7 +23,8 @@ constexpr const char* kHyperspy = "a signal of HyperSpy's";
 constexpr const char* kVelox = "an image of Velox";
 constexpr const char* kIlastik = "a dataset of ilastik's";
 constexpr const char* kEmd = "an EMD file";
-constexpr std::size_t kMostNames = 100000;
+constexpr std::int64_t kMostNumbered = 100000;
+constexpr std::size_t kMostImages = 1000;  // ChimeraX's groups, and arrays in one
 constexpr std::array<const char*, 3> kXyz{"x", "y", "z"};
 
 std::optional<double> number_in(const std::string& text) {
@@ -38,7 +39,7 @@ std::optional<double> number_in(const std::string& text) {
 std::int64_t count_of(const ObjectHandle& group, const std::string& name) {
     const QuietHdf5 quiet;
     std::int64_t count = 0;
-    while (is_group(group) && count < static_cast<std::int64_t>(kMostNames) &&
+    while (is_group(group) && count < kMostNumbered &&
            H5Lexists(group.get(), fmt::format("{} {}", name, count).c_str(), H5P_DEFAULT) > 0) {
         ++count;
     }
@@ -212,12 +213,12 @@ std::optional<DialectChoice> chimera_choice(hid_t file, const std::string& name,
         return std::nullopt;
     }
     std::vector<std::string> found;
-    for (const std::string& group : names_inside(chimera.get(), kMostNames)) {
+    for (const std::string& group : names_inside(chimera.get(), kMostImages)) {
         const ObjectHandle image = open_inside(chimera.get(), group);
         if (!is_group(image)) {
             continue;
         }
-        for (const std::string& array : names_inside(image.get(), kMostNames)) {
+        for (const std::string& array : names_inside(image.get(), kMostImages)) {
             const ObjectHandle data = open_inside(image.get(), array);
             if (is_dataset(data) && shape_of(data.get()).dims.size() == 3 &&
                 numbers_of_attribute(data.get(), "subsample_spacing").empty()) {

@@ -422,7 +422,7 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
 }  // namespace
 
 VolumeFormat netcdf3_format() {
-    return {.about = {"NetCDF-3", ".nc .cdf", ""},
+    return {.about = {"NetCDF-3", ".nc .cdf .mnc", ""},
             .takes = {.dataset = true, .index = true},
             .recognises = is_netcdf3,
             .open = open_netcdf3};
