@@ -41,7 +41,7 @@ class Dialect(Input):
         self.notes = json.loads(done.stdout)["notes"]
         served.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.npy",
                     "--force"], check=True, capture_output=True)
-        self.info = json.loads(served.run([ISONEST, "info", self.here / "s.isonest", "--json"], check=True,
+        self.about = json.loads(served.run([ISONEST, "info", self.here / "s.isonest", "--json"], check=True,
                                           capture_output=True).stdout)
         return np.load(self.here / "s.npy")
 
@@ -49,14 +49,14 @@ class Dialect(Input):
         """The store has values[i, j, k] at affine @ (i, j, k, 1)."""
         found = self.values(*options)
         self.assertEqual(found.size, values.size)
-        steps = np.reshape(self.info.get("direction") or np.eye(3), (3, 3)) * np.array(self.info["spacing"])[:, None]
+        steps = np.reshape(self.about.get("direction") or np.eye(3), (3, 3)) * np.array(self.about["spacing"])[:, None]
         nodes = np.argwhere(np.ones(found.shape))[:, ::-1]
-        at = (np.array(self.info["origin"]) + nodes @ steps - affine[:3, 3]) @ np.linalg.inv(affine[:3, :3]).T
+        at = (np.array(self.about["origin"]) + nodes @ steps - affine[:3, 3]) @ np.linalg.inv(affine[:3, :3]).T
         index = np.rint(at).astype(int)
         np.testing.assert_allclose(at, index, atol=1e-5)
         self.assertEqual(len(np.unique(index, axis=0)), values.size)
         np.testing.assert_allclose(found.ravel(), values[tuple(index.T)], rtol=1e-5, atol=1e-5)
-        self.assertEqual(self.info.get("unit"), unit)
+        self.assertEqual(self.about.get("unit"), unit)
 
 
 class Minc(Dialect):
@@ -271,7 +271,7 @@ class Imaris(Dialect):
                         ("--dataset", "DataSet/ResolutionLevel 0/TimePoint 0/Channel 1/Data")):
             np.testing.assert_array_equal(self.values(*options), self.data[0, 1])
             self.lies([100.25, 0.25, -4.5], [0.5, 0.5, 2])
-            self.assertEqual((self.info["unit"], self.notes), ("um", []))
+            self.assertEqual((self.about["unit"], self.notes), ("um", []))
         np.testing.assert_array_equal(self.values("--index", "c=0,z=-1")[0], self.data[0, 0, 9])
         found = self.values("--dataset", "DataSet/ResolutionLevel 1/TimePoint 0/Channel 1/Data")
         np.testing.assert_array_equal(found, self.data[0, 1, ::2, ::2, ::2])
@@ -343,7 +343,7 @@ class Microscopy(Dialect):
             image["data_zyx_2_2_2"].attrs["subsample_spacing"] = [2, 2, 2]
         np.testing.assert_array_equal(self.values(), values)
         self.lies([10, -20, 30], [1.5, 2, 2.5])
-        self.assertEqual(self.info["unit"], "angstrom")
+        self.assertEqual(self.about["unit"], "angstrom")
         self.refuses(5, "smaller copy", options=("--dataset", "Chimera/image1/data_zyx_2_2_2"))
         with h5py.File(self.path, "a") as file:  # a quarter turn about z: x runs along y
             file["Chimera/image1"].attrs.update({"rotation_axis": [0.0, 0, 1], "rotation_angle": 90.0})
@@ -365,7 +365,7 @@ class Microscopy(Dialect):
                                                                   "size": values.shape[i], "units": "nm"})
             np.testing.assert_array_equal(self.values(), values.transpose([names.index(k) for k in "zyx"]))
             self.lies(*np.transpose([(10 * names.index(k), 0.5 + names.index(k)) for k in "xyz"]))
-            self.assertEqual((self.info["unit"], self.notes), ("nm", []))
+            self.assertEqual((self.about["unit"], self.notes), ("nm", []))
         with h5py.File(self.path, "a") as file:
             del file["Experiments/v/axis-1"]
         self.refuses(4, "HyperSpy", "axis-1")
@@ -381,7 +381,7 @@ class Microscopy(Dialect):
                 dim.attrs.update({"name": np.bytes_(name), "units": "[n_m]"})
         np.testing.assert_array_equal(self.values(), values.T)
         self.lies([0, 5, 10], [1, 2, 3])
-        self.assertEqual(self.info["unit"], "nm")
+        self.assertEqual(self.about["unit"], "nm")
         with h5py.File(self.path, "a") as file:
             file["data/tomography/dim2"][...] = [1, 2, 4, 8, 16]
         self.refuses(5, "'y' are not evenly spaced", "--spacing")
@@ -397,7 +397,7 @@ class Microscopy(Dialect):
         self.refuses(5, "frame 3", "--index")
         np.testing.assert_array_equal(self.values("--index", "frame=2")[0], values[..., 2])
         self.lies([-1e-9, 4e-9, 0], [2e-10, 3e-10, 1])
-        self.assertEqual(self.info["unit"], "m")
+        self.assertEqual(self.about["unit"], "m")
 
 
 class Lzf(Dialect):
