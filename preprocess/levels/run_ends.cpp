@@ -12,6 +12,7 @@
 #include <isonest/field.h>
 
 #include "preprocess/indicators/cube_ranges.h"
+#include "store/base/label_bits.h"
 #include "store/base/label_text.h"
 #include "store/base/rotation.h"
 #include "store/container/cube_range.h"
@@ -108,6 +109,12 @@ void describe_store(const StoreWriter& writer, PreprocessReport& report) {
         report.min_value = std::min(report.min_value, row.min);
         report.max_value = std::max(report.max_value, row.max);
         report.has_missing = report.has_missing || (row.flags & kChunkHasMissing) != 0;
+    }
+    if (header.labels && report.min_value <= report.max_value) {
+        report.labels = {static_cast<std::int64_t>(label_of_value(report.min_value)),
+                         static_cast<std::int64_t>(label_of_value(report.max_value))};
+        report.min_value = static_cast<double>((*report.labels)[0]);
+        report.max_value = static_cast<double>((*report.labels)[1]);
     }
 }
 

@@ -213,6 +213,9 @@ class Checker {
     }
 
     void vtk_group() {
+        if (layout_.header().labels) {
+            return;  // since format 2.10 such a store has none
+        }
         std::string fault;
         try {
             fault = Hdf5View(store_.bytes()).vtk_fault(layout_.header());

@@ -4,13 +4,18 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <cstdint>
+#include <cstring>
 #include <iterator>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include <isonest/error.h>
 
 #include "query/view/indicator_box.h"
+#include "query/view/label_view.h"
+#include "store/base/label_bits.h"
 #include "store/base/memory_budget.h"
 #include "store/container/announce/announcer.h"
 #include "store/container/gather.h"
@@ -68,6 +73,17 @@ void for_each_box(const StoreReader& store, const Int3& nodes, const Int3& box, 
     }
 }
 
+/// In place: the labels, as int64, that values stand for.
+template <class T>
+void to_labels(Box<T>& box) {
+    if constexpr (std::is_same_v<T, double>) {
+        for (double& value : box.data) {
+            const auto label = static_cast<std::int64_t>(label_of_value(value));
+            std::memcpy(&value, &label, sizeof(value));
+        }
+    }
+}
+
 template <class T>
 void export_values(const StoreReader& store, const ArrayInfo& array, std::uint64_t memory,
                    VolumeFile& file, Progress& progress) {
@@ -80,6 +96,9 @@ void export_values(const StoreReader& store, const ArrayInfo& array, std::uint64
                  [&](const Int3& lo, const Int3& size) {
                      Box<T> box(lo, size);
                      gather_values(cache, array, box);
+                     if (store.layout().header().labels) {
+                         to_labels(box);
+                     }
                      file.write_box(lo, size, reinterpret_cast<const std::byte*>(box.data.data()));
                  });
 }
@@ -151,6 +170,7 @@ void export_field(const StoreReader& store, const std::filesystem::path& path,
         const ArrayInfo& array = layout.array(options.level, Field::values);
         spec.nodes = array.nodes;
         spec.type = header.type;
+        spec.is_int64 = header.labels;
         for (double& s : spec.spacing) {
             s *= static_cast<double>(std::int64_t{1} << options.level);
         }
@@ -161,6 +181,7 @@ void export_field(const StoreReader& store, const std::filesystem::path& path,
         });
         return file->finish();
     }
+    require_numbers(store, "an indicator");
     if (is_of_cells(options.field)) {
         std::vector<Field> others = header.fields;
         others.erase(std::remove_if(others.begin(), others.end(), is_of_cells), others.end());

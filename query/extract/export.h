@@ -18,7 +18,8 @@ struct ExportOptions {
     std::uint64_t memory = std::uint64_t{256} << 20U;
 };
 
-/// Values: the lattice of a level in the input's type. An indicator: the nodal array on the finest
+/// Values: the lattice of a level in the input's type; labels of 64 bits as int64, and such a store
+/// has no indicators to export (Error{unsupported}). An indicator: the nodal array on the finest
 /// lattice as float32, 0 at the macro vertices (and nodes that refine nothing in the volume).
 /// The file's kind follows from its name: see create_volume_file().
 /// A field of cells is refused. Each chunk is decoded a bounded number of times, values once.

@@ -140,10 +140,14 @@ void choose_attributes(const StoreReader& store, const MeshAttributes& chosen, b
     attributes.normal = chosen.normals;
     attributes.error = chosen.error;
     if (chosen.error) {
+        require_numbers(store, "the error at the vertices");
         require_field(store, *chosen.error, "the error at the vertices");
     }
     asked.values = chosen.values != nullptr ? &chosen.values->reader() : nullptr;
     const StoreReader& values = asked.values != nullptr ? *asked.values : store;
+    if (asked.values != nullptr) {
+        require_numbers(values, "values at the vertices");
+    }
     attributes.value = needs_value || asked.values != nullptr;
     attributes.wide_value = attributes.value && float64 && !held_by_float32(values);
     const Int3 a = store.layout().header().nodes;
@@ -336,6 +340,7 @@ ExtractQuery extract_query(const StoreReader& store, const LabelQuery& query, bo
 }
 
 ExtractQuery extract_query(const StoreReader& store, const SliceQuery& query, bool float64) {
+    require_numbers(store, "a slice");
     require_combination(wishes_of(store, query), store.path().string());
     ExtractQuery asked = begun(store, Product::slice, query, query.cells, false);
     asked.traversal.plane = lattice_plane(store.layout().header(), query.plane);
@@ -349,6 +354,7 @@ ExtractQuery extract_query(const StoreReader& store, const SliceQuery& query, bo
 }
 
 ExtractQuery extract_query(const StoreReader& store, const ContourQuery& query, bool /*float64*/) {
+    require_numbers(store, "contour lines");
     require_combination(wishes_of(store, query), store.path().string());
     require_contours(query.values);
     ExtractQuery asked = begun(store, Product::contours, query, Cells::tetrahedra, false);
@@ -361,6 +367,7 @@ ExtractQuery extract_query(const StoreReader& store, const ContourQuery& query, 
 }
 
 ExtractQuery extract_query(const StoreReader& store, const GraphQuery& query, bool float64) {
+    require_numbers(store, "a graph");
     require_combination(wishes_of(store, query), store.path().string());
     if (!std::isfinite(query.scale)) {
         throw Error(ErrorKind::invalid_argument,

@@ -1,5 +1,9 @@
 #include "query/extract/info.h"
 
+#include <limits>
+
+#include "query/view/label_view.h"
+
 namespace isonest::detail {
 
 std::vector<ArrayReport> describe_arrays(const StoreReader& store) {
@@ -18,6 +22,17 @@ std::vector<ArrayReport> describe_arrays(const StoreReader& store) {
         report.stored_bytes = totals.bytes;
         report.min = totals.min;
         report.max = totals.max;
+        if (const StoreHeader& header = store.layout().header(); header.labels) {
+            const auto low = wide_label(header, totals.min);
+            const auto high = wide_label(header, totals.max);
+            if (array.field != Field::values) {
+                report.min = report.max = std::numeric_limits<double>::quiet_NaN();
+            } else if (low && high) {
+                report.labels = {*low, *high};
+                report.min = static_cast<double>(*low);
+                report.max = static_cast<double>(*high);
+            }
+        }
         reports.push_back(report);
     }
     return reports;

@@ -1,7 +1,9 @@
 // What a store holds.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "store/container/reader.h"
@@ -16,8 +18,10 @@ struct ArrayReport {
     std::uint64_t chunks = 0;
     std::uint64_t raw_bytes = 0;  ///< of the nodes themselves, without padding
     std::uint64_t stored_bytes = 0;
-    double min = 0;
+    double min = 0;  ///< of a store of 64-bit labels the label, rounded; of its indicators NaN
     double max = 0;
+    /// Of the values of such a store, if a node has one: the smallest and the largest label.
+    std::optional<std::array<std::int64_t, 2>> labels = {};
     bool alias = false;  ///< the same stored array as another field of the level
 };
 

@@ -7,6 +7,7 @@
 
 #include "query/statistics/value_counts.h"
 #include "store/base/in_order.h"
+#include "store/base/label_bits.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
 #include "store/container/announce/announcer.h"
@@ -51,13 +52,15 @@ Shares share(const StoreReader& store, const ArrayInfo& array, const HistogramOp
 
 class Counting {
   public:
-    /// `own_cubes`: they are counted with the nodes.
+    /// `own_cubes`: they are counted with the nodes. `first_label`: see Histogram.
     Counting(const StoreReader& store, const ArrayInfo& array, bool own_cubes,
-             const ValueBins& bins, const Shares& shares, Progress& progress)
+             const ValueBins& bins, std::optional<std::int64_t> first_label, const Shares& shares,
+             Progress& progress)
         : store_(store),
           array_(array),
           own_cubes_(own_cubes),
           bins_(bins),
+          first_label_(first_label),
           shares_(shares),
           progress_(progress),
           counts_(bins.count()) {}
@@ -117,6 +120,13 @@ class Counting {
                  [&](std::int64_t /*i*/, std::int64_t /*same*/) { progress_.advance(1); });
     }
 
+    /// What the bins are of.
+    [[nodiscard]] double number_of(double value) const {
+        return first_label_ ? static_cast<double>(static_cast<std::int64_t>(label_of_value(value)) -
+                                                  *first_label_)
+                            : value;
+    }
+
     /// The nodes of a chunk, and of the finest level the cubes that begin in it.
     template <class T>
     void block(ChunkCache& cache, const Int3& chunk) {
@@ -133,7 +143,7 @@ class Counting {
         if (bins_.count() > 0) {
             const BinFinder bin_of(bins_);
             std::transform(values.data.begin(), values.data.end(), codes.data.begin(), [&](T v) {
-                const auto value = static_cast<double>(v);
+                const double value = number_of(static_cast<double>(v));
                 return std::isfinite(value) ? static_cast<BinCode>(bin_of(value) + 1)
                                             : kMissingCode;
             });
@@ -154,6 +164,7 @@ class Counting {
     const ArrayInfo& array_;
     bool own_cubes_;
     const ValueBins& bins_;
+    std::optional<std::int64_t> first_label_;
     const Shares& shares_;
     Progress& progress_;
     tbb::enumerable_thread_specific<ValueCounts> counts_;
@@ -165,14 +176,24 @@ Histogram histogram(const StoreReader& store, const HistogramOptions& options, P
     const StoreLayout& layout = store.layout();
     const int level = options.level ? *options.level : level_for(layout.lattice());
     const ArrayInfo& array = layout.array(level, Field::values);
-    const ValueBins bins(layout.header().type, store.min_value(), store.max_value());
+    const bool labels = layout.header().labels && store.min_value() <= store.max_value();
+    std::optional<std::int64_t> first_label;
+    ValueBins bins(layout.header().type, store.min_value(), store.max_value());
+    if (labels) {
+        const std::uint64_t first = label_of_value(store.min_value());
+        first_label = static_cast<std::int64_t>(first);
+        bins = ValueBins(ValueType::u32, 0,
+                         static_cast<double>(label_of_value(store.max_value()) - first));
+    }
     const Shares shares = share(store, array, options);
-    const bool own_cubes = level == 0 || options.own_cubes;
+    const bool own_cubes = !labels && (level == 0 || options.own_cubes);
     std::optional<int> cube_level;
-    if (own_cubes || layout.has_cube_ranges(kFirstRangeLevel)) {
+    if (labels) {
+        // No surface passes between labels at a value.
+    } else if (own_cubes || layout.has_cube_ranges(kFirstRangeLevel)) {
         cube_level = own_cubes ? level : kFirstRangeLevel;
     }
-    Counting counting(store, array, own_cubes, bins, shares, progress);
+    Counting counting(store, array, own_cubes, bins, first_label, shares, progress);
     Workers(shares.threads).execute([&] {
         counting.values();
         if (!own_cubes && cube_level) {
@@ -186,6 +207,7 @@ Histogram histogram(const StoreReader& store, const HistogramOptions& options, P
     result.looked = static_cast<std::uint64_t>(nodes_in_volume(layout.lattice(), level).product());
     result.missing = counts.missing();
     result.bins = bins;
+    result.first_label = first_label;
     result.nodes = counts.nodes();
     result.cube_level = cube_level;
     if (cube_level) {

@@ -31,6 +31,9 @@ struct Histogram {
     std::uint64_t looked = 0;   ///< at so many nodes,
     std::uint64_t missing = 0;  ///< of which so many are missing
     ValueBins bins;             ///< between the smallest and the largest value of all levels
+    /// Of a store whose values stand for labels of 64 bits the smallest one, and `bins` are then of
+    /// what labels are above it. There are no cubes and no suggestions.
+    std::optional<std::int64_t> first_label = {};
     std::vector<std::uint64_t> nodes;  ///< of each bin
     /// Of which level the cubes below are (squares or edges, where axes are flat): that of the
     /// nodes if it is 0 or own_cubes was asked for, counted from their corners that are not

@@ -6,6 +6,7 @@
 
 #include "query/study/compute_indicator.h"
 #include "query/study/whole_lattice.h"
+#include "query/view/label_view.h"
 #include "store/base/memory_budget.h"
 #include "store/exports/volume_file.h"
 #include "store/files/output_file.h"
@@ -14,6 +15,7 @@ namespace isonest::detail {
 
 void export_computed_field(const StoreReader& store, const std::filesystem::path& path,
                            const ExportComputedOptions& options, Progress& progress) {
+    require_numbers(store, "an indicator");
     check_output(path, options.force, {store.path()});
     const StoreLayout& layout = store.layout();
     const StoreHeader& header = layout.header();

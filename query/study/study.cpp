@@ -18,6 +18,7 @@
 #include "query/traverse/planar.h"
 #include "query/traverse/traversal_budget.h"
 #include "query/view/indicator_box.h"
+#include "query/view/label_view.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
 
@@ -165,6 +166,7 @@ bool suit_cells(const StoreLayout& layout, const StudyOptions& options) {
 
 Study study(const StoreReader& store, const StudyOptions& options, Progress& progress) {
     const StoreLayout& layout = store.layout();
+    require_numbers(store, "a study");
     require_sense(layout, options);
     std::optional<LatticePlane> plane;
     if (options.plane) {

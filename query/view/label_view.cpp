@@ -1,10 +1,15 @@
 #include "query/view/label_view.h"
 
+#include <fmt/format.h>
+
+#include <cmath>
 #include <limits>
 
+#include <isonest/error.h>
 #include <isonest/value_type.h>
 
 #include "store/base/label_bits.h"
+#include "store/container/reader.h"
 
 namespace isonest::detail {
 
@@ -23,6 +28,26 @@ bool is_label(const StoreHeader& header, std::int64_t label) {
 double value_of_label(const StoreHeader& header, std::int64_t label) {
     return header.labels ? value_of_label(static_cast<std::uint64_t>(label))
                          : static_cast<double>(label);
+}
+
+std::optional<std::int64_t> wide_label(const StoreHeader& header, double value) {
+    return header.labels && std::isfinite(value)
+               ? std::optional(static_cast<std::int64_t>(label_of_value(value)))
+               : std::nullopt;
+}
+
+std::string_view type_of_values(const StoreHeader& header) {
+    return header.labels ? std::string_view("int64") : name_of(header.type);
+}
+
+void require_numbers(const StoreReader& store, std::string_view what) {
+    if (store.layout().header().labels) {
+        throw Error(ErrorKind::unsupported, {store.path().string()},
+                    fmt::format("its values are labels of 64 bits, and {} would calculate with "
+                                "them as with numbers; export the values, which are written as "
+                                "int64, or extract the surfaces of labels",
+                                what));
+    }
 }
 
 LabelView::LabelView(const ChunkSource& source, std::int64_t label, const Int3& low,

@@ -4,12 +4,15 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <string_view>
 
 #include <isonest/int3.h>
 
 #include "store/container/wrapping/forwarding_source.h"
 
 namespace isonest::detail {
+
+class StoreReader;
 
 /// The finest values alone: coarser levels and indicators are those of the labels, and mean nothing
 /// here. Missing values are 0. `source` must outlive it. Thread-safety: all methods from any
@@ -38,5 +41,14 @@ class LabelView : public ForwardingSource {
 bool is_label(const StoreHeader& header, std::int64_t label);
 /// REQUIRES: is_label().
 double value_of_label(const StoreHeader& header, std::int64_t label);
+/// The label that a store's value stands for, if its values stand for labels of 64 bits and this
+/// one is finite; else nothing.
+std::optional<std::int64_t> wide_label(const StoreHeader& header, double value);
+/// The type of a store's values to whoever reads them: "int64" where they stand for labels of 64
+/// bits.
+std::string_view type_of_values(const StoreHeader& header);
+/// Throws Error{unsupported} for a store whose values stand for labels of 64 bits: `what` ("a
+/// slice") would calculate with the codes of labels.
+void require_numbers(const StoreReader& store, std::string_view what);
 
 }  // namespace isonest::detail

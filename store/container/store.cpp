@@ -1,10 +1,25 @@
+#include <cmath>
+
 #include <isonest/store.h>
 
+#include "store/base/label_bits.h"
 #include "store/base/world_units.h"
 #include "store/container/reader.h"
 #include "store/remote/open_location.h"
 
 namespace isonest {
+namespace detail {
+namespace {
+
+/// The number that a store's value is to its user: of a label the label, rounded beyond 2^53.
+double number_of(const StoreReader& store, double value) {
+    return store.layout().header().labels && std::isfinite(value)
+               ? static_cast<double>(label_of_value(value))
+               : value;
+}
+
+}  // namespace
+}  // namespace detail
 
 Store::Store(const std::filesystem::path& location, const RemoteAccess& remote)
     : cache_(detail::open_cache(location, remote)),
@@ -57,10 +72,10 @@ const std::vector<Field>& Store::fields() const {
     return reader_->layout().header().fields;
 }
 double Store::min_value() const {
-    return reader_->min_value();
+    return detail::number_of(*reader_, reader_->min_value());
 }
 double Store::max_value() const {
-    return reader_->max_value();
+    return detail::number_of(*reader_, reader_->max_value());
 }
 bool Store::has_missing() const {
     return reader_->has_missing();

@@ -104,7 +104,9 @@ void StoreWriter::Impl::create() {
         create_array(array);
     }
     write_header(file.get(), layout.header());
-    write_vtk_group();
+    if (!layout.header().labels) {
+        write_vtk_group();  // VTK would show the codes of labels
+    }
     read_fd = ::open(unfinished.name().c_str(), O_RDONLY | O_CLOEXEC);
     if (read_fd < 0) {
         throw Error(ErrorKind::io, {unfinished.name().string()},

@@ -29,7 +29,7 @@ class Hdf5File : public VolumeFile {
         const PropertyHandle creation(H5Pcreate(H5P_DATASET_CREATE));
         H5Pset_obj_track_times(creation.get(), false);
         H5Pset_fill_time(creation.get(), H5D_FILL_TIME_NEVER);
-        const TypeHandle type = file_type(spec_.type);
+        const TypeHandle type = numbers_type();
         if (file_.valid()) {
             unfinished_.created();
             data_ = DatasetHandle(H5Dcreate2(file_.get(), "data", type.get(), space.get(),
@@ -68,7 +68,7 @@ class Hdf5File : public VolumeFile {
         const SpaceHandle to(H5Dget_space(data_.get()));
         H5Sselect_hyperslab(to.get(), H5S_SELECT_SET, start.data(), nullptr, count.data(), nullptr);
         const SpaceHandle from(H5Screate_simple(3, count.data(), nullptr));
-        const TypeHandle type = file_type(spec_.type);
+        const TypeHandle type = numbers_type();
         if (H5Dwrite(data_.get(), type.get(), from.get(), to.get(), H5P_DEFAULT, data) < 0) {
             fail("write it");
         }
@@ -83,6 +83,9 @@ class Hdf5File : public VolumeFile {
     }
 
   private:
+    [[nodiscard]] TypeHandle numbers_type() const {
+        return spec_.is_int64 ? TypeHandle(H5Tcopy(H5T_STD_I64LE)) : file_type(spec_.type);
+    }
     [[nodiscard]] static std::array<hsize_t, 3> shape(const Int3& n) {
         return {static_cast<hsize_t>(n.z), static_cast<hsize_t>(n.y), static_cast<hsize_t>(n.x)};
     }

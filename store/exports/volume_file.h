@@ -42,6 +42,7 @@ struct VolumeFileSpec {
     /// place in that frame. NRRD and HDF5 say it; the others say no frame, and have the place as it
     /// is, as all have it where the frame is unknown.
     AnatomicalFrame frame = AnatomicalFrame::unknown;
+    bool is_int64 = false;  ///< the numbers are int64; `type` is another one of their size
 };
 
 /// By the name's ending: .h5 or .hdf5 (dataset /data, [z, y, x], with attributes spacing and origin

@@ -15,9 +15,10 @@
 namespace isonest::detail {
 namespace {
 
-/// The word of a list in the order of ValueType.
-std::string_view word_of(ValueType type, const std::array<std::string_view, 8>& words) {
-    return words.at(static_cast<std::size_t>(type));
+/// The word of a list in the order of ValueType, with int64 behind.
+template <class Word>
+Word word_of(const VolumeFileSpec& spec, const std::array<Word, 9>& words) {
+    return spec.is_int64 ? words.back() : words.at(static_cast<std::size_t>(spec.type));
 }
 
 template <class T>
@@ -143,7 +144,8 @@ void put_nifti(const VolumeFileSpec& spec, std::string& header, std::size_t dim,
 }  // namespace
 
 VolumeHeader nrrd_file_header(const VolumeFileSpec& spec) {
-    const std::string_view type = spec.type == ValueType::f32   ? "float"
+    const std::string_view type = spec.is_int64                 ? "int64"
+                                  : spec.type == ValueType::f32 ? "float"
                                   : spec.type == ValueType::f64 ? "double"
                                                                 : name_of(spec.type);
     const std::string_view space =
@@ -170,8 +172,8 @@ VolumeHeader nifti_file_header(const VolumeFileSpec& any) {
     // Both forms say the place in a scanner. Where the frame is unknown the rows alone say a place,
     // as there is no other way to have origin and directions in a file.
     const std::int16_t qform = spec.frame == AnatomicalFrame::unknown ? 0 : 1;
-    constexpr std::array<std::int16_t, 8> kTypes{2, 256, 512, 4, 768, 8, 16, 64};
-    const std::int16_t type = kTypes.at(static_cast<std::size_t>(spec.type));
+    constexpr std::array<std::int16_t, 9> kTypes{2, 256, 512, 4, 768, 8, 16, 64, 1024};
+    const std::int16_t type = word_of(spec, kTypes);
     const auto bits = static_cast<std::int16_t>(8 * size_of(spec.type));
     constexpr std::int64_t kMostShort = 32767;
     if (std::max({spec.nodes.x, spec.nodes.y, spec.nodes.z}) <= kMostShort) {
@@ -203,8 +205,8 @@ VolumeHeader nifti_file_header(const VolumeFileSpec& any) {
 }
 
 VolumeHeader vti_file_header(const VolumeFileSpec& spec) {
-    constexpr std::array<std::string_view, 8> kTypes{"UInt8",  "Int8",  "UInt16",  "Int16",
-                                                     "UInt32", "Int32", "Float32", "Float64"};
+    constexpr std::array<std::string_view, 9> kTypes{
+        "UInt8", "Int8", "UInt16", "Int16", "UInt32", "Int32", "Float32", "Float64", "Int64"};
     const std::string extent =
         fmt::format("0 {} 0 {} 0 {}", spec.nodes.x - 1, spec.nodes.y - 1, spec.nodes.z - 1);
     std::string text = fmt::format(
@@ -219,7 +221,7 @@ VolumeHeader vti_file_header(const VolumeFileSpec& spec) {
         spec.direction == kAlongWorld
             ? ""
             : fmt::format(" Direction=\"{}\"", fmt::join(vtk_direction(spec.direction), " ")),
-        extent, word_of(spec.type, kTypes));
+        extent, word_of(spec, kTypes));
     const std::uint64_t bytes =
         static_cast<std::uint64_t>(spec.nodes.product()) * size_of(spec.type);
     text.append(reinterpret_cast<const char*>(&bytes), sizeof(bytes));
@@ -227,11 +229,11 @@ VolumeHeader vti_file_header(const VolumeFileSpec& spec) {
 }
 
 VolumeHeader npy_file_header(const VolumeFileSpec& spec) {
-    constexpr std::array<std::string_view, 8> kTypes{"|u1", "|i1", "<u2", "<i2",
-                                                     "<u4", "<i4", "<f4", "<f8"};
+    constexpr std::array<std::string_view, 9> kTypes{"|u1", "|i1", "<u2", "<i2", "<u4",
+                                                     "<i4", "<f4", "<f8", "<i8"};
     std::string text =
         fmt::format("{{'descr': '{}', 'fortran_order': False, 'shape': ({}, {}, {}), }}",
-                    word_of(spec.type, kTypes), spec.nodes.z, spec.nodes.y, spec.nodes.x);
+                    word_of(spec, kTypes), spec.nodes.z, spec.nodes.y, spec.nodes.x);
     constexpr std::size_t kBefore = 10;
     constexpr std::size_t kMultiple = 64;
     const std::size_t whole = (kBefore + text.size() + 1 + kMultiple - 1) / kMultiple * kMultiple;
@@ -252,9 +254,9 @@ std::string meta_image_unit(const VolumeFileSpec& spec) {
 
 VolumeHeader meta_image_file_header(const VolumeFileSpec& any) {
     const VolumeFileSpec spec = in_frame(any, AnatomicalFrame::lps);
-    constexpr std::array<std::string_view, 8> kTypes{"MET_UCHAR", "MET_CHAR",  "MET_USHORT",
-                                                     "MET_SHORT", "MET_UINT",  "MET_INT",
-                                                     "MET_FLOAT", "MET_DOUBLE"};
+    constexpr std::array<std::string_view, 9> kTypes{"MET_UCHAR", "MET_CHAR",   "MET_USHORT",
+                                                     "MET_SHORT", "MET_UINT",   "MET_INT",
+                                                     "MET_FLOAT", "MET_DOUBLE", "MET_LONG_LONG"};
     std::string matrix;
     for (const Double3& axis : spec.direction) {
         matrix += fmt::format("{}{} {} {}", matrix.empty() ? "" : " ", axis[0], axis[1], axis[2]);
@@ -267,7 +269,7 @@ VolumeHeader meta_image_file_header(const VolumeFileSpec& any) {
         "ElementType = {}\n{}ElementDataFile = LOCAL\n",
         matrix, spec.origin[0], spec.origin[1], spec.origin[2], meta_image_orientation(spec),
         spec.spacing[0], spec.spacing[1], spec.spacing[2], spec.nodes.x, spec.nodes.y, spec.nodes.z,
-        word_of(spec.type, kTypes), meta_image_unit(spec))};
+        word_of(spec, kTypes), meta_image_unit(spec))};
 }
 
 }  // namespace isonest::detail

@@ -116,6 +116,79 @@ class Labels(unittest.TestCase):
         np.save(self.here / "w.npy", data + np.uint64(2**62))
         self.assertIn("2^62", run("preprocess", self.here / "w.npy", "-o", store, "--labels", "--force", code=5).stderr)
 
+    def test_labels_of_64_bits_leave_as_integers(self):
+        """By every way out, as other programs read it; what would calculate with labels is refused."""
+        ids = np.array([0, 3, 2**53 + 1, 720575940627185911, 2**62 - 1])
+        data = cells((7, 9, 11), 12, np.tile(ids, 4), background=False)
+        store = self.store(data, "w", "--labels")
+        for level, wanted in ((0, data), (1, data[::2, ::2, ::2])):
+            files = {}
+            for end in ("npy", "nii", "nrrd", "h5", "vti", "mha", "raw"):
+                files[end] = self.here / f"v{level}.{end}"
+                said = run("export", store, "--field", "values", "--level", level, "-o", files[end], "--json")
+                self.assertEqual(json.loads(said.stdout)["type"], "int64")
+            found = {"npy": np.load(files["npy"]), "raw": np.fromfile(files["raw"], "<i8").reshape(wanted.shape),
+                     "nrrd": self.behind(files["nrrd"], b"type: int64\n", b"\n\n", wanted.shape),
+                     "mha": self.behind(files["mha"], b"ElementType = MET_LONG_LONG\n", b"ElementDataFile = LOCAL\n",
+                                        wanted.shape)}
+            with h5py.File(files["h5"]) as file:
+                found["h5"] = file["data"][:]
+            try:
+                import nibabel
+                image = nibabel.load(files["nii"])
+                self.assertEqual(image.get_data_dtype(), np.int64)
+                found["nii"] = np.asarray(image.dataobj).T
+            except ImportError:
+                print("nibabel is missing: .nii is not read")
+            try:
+                from vtkmodules.util.numpy_support import vtk_to_numpy
+                from vtkmodules.vtkIOXML import vtkXMLImageDataReader
+                reader = vtkXMLImageDataReader()
+                reader.SetFileName(str(files["vti"]))
+                reader.Update()
+                found["vti"] = vtk_to_numpy(reader.GetOutput().GetPointData().GetArray(0)).reshape(wanted.shape)
+            except ImportError:
+                print("vtk is missing: .vti is not read")
+            for end, values in found.items():
+                with self.subTest(end=end, level=level):
+                    self.assertEqual(values.dtype, np.int64)
+                    np.testing.assert_array_equal(values, wanted)
+        report = json.loads(run("info", store, "--histogram", "--json").stdout)
+        self.assertEqual((report["type"], report["labels"], report["min_value"], report["max_value"]),
+                         ("int64", True, 0, 2**62 - 1))
+        self.assertEqual((report["arrays"][0]["min"], report["arrays"][0]["max"]), (0, 2**62 - 1))
+        for array in report["arrays"]:
+            self.assertTrue({array["min"], array["max"]} <= ({*ids.tolist()} if array["field"] == "values" else {None}), array)
+        bins = report["histogram"]["bins"]
+        self.assertEqual((bins[0]["low"], sum(entry["nodes"] for entry in bins)), (0, data.size))
+        self.assertEqual((report["histogram"]["suggested"], report["histogram"]["cube_level"]), ([], None))
+        for text in (run("info", store, "--histogram").stdout, run("preprocess", self.here / "w.npy", "--labels", "-o", store,
+                                                                   "--force").stdout):
+            self.assertIn(str(2**62 - 1), text)
+            self.assertNotIn("1.0000", text)
+        few = self.store(np.array([[[720575940627185911, 720575940627185913]] * 2] * 2), "few", "--labels")
+        bins = json.loads(run("info", few, "--histogram", "--json").stdout)["histogram"]["bins"]
+        self.assertEqual([(entry["low"], entry["nodes"]) for entry in bins],
+                         [(720575940627185911, 4), (720575940627185912, 0), (720575940627185913, 4)])
+        with h5py.File(store) as file:  # VTK and ParaView would show the codes
+            self.assertNotIn("VTKHDF", file)
+        run("check", store, "--deep", "--source", self.here / "w.npy", "--labels")
+        out = self.here
+        for words in (["slice", "--plane", "0,0,1,3", "-o", out / "s.ply"], ["slice", "--plane", "0,0,1,3", "-o", out / "s.png"],
+                      ["slice", "--plane", "0,0,1,3", "--contours", "3", "-o", out / "s.vtp"],
+                      ["export", "--field", "deviation_bar", "-o", out / "d.npy"], ["export", "--field", "lp:3", "-o", out / "d.npy"],
+                      ["study", "--out", out / "study"], ["smooth", "--steps", 1, "--tau", 1, "--lambda", 1, "-o", out / "s.nrrd"],
+                      ["extract", "--label", 3, "--vertex-error", "deviation_bar", "-o", out / "a.ply"],
+                      ["extract", "--label", 3, "--vertex-values", store, "-o", out / "a.ply"]):
+            with self.subTest(words=words):
+                self.assertIn("labels of 64 bits", run(words[0], store, *words[1:], code=5).stderr)
+
+    def behind(self, path, said, end, shape):
+        """The int64 numbers behind a header that ends so."""
+        header, numbers = path.read_bytes().split(end, 1)
+        self.assertIn(said, header + end)
+        return np.frombuffer(numbers, "<i8").reshape(shape)
+
     def test_lists_and_ranges(self):
         data = cells((12, 12, 12), 9, np.array([2, 3, 5, 8, 13, 21, 34, 55, 89], "u1"), background=False)
         store = self.store(data)

@@ -1,8 +1,10 @@
 // From a volume to a store: the bottom-up pass over all levels, out of core.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <vector>
 
 #include <isonest/field.h>
@@ -32,8 +34,10 @@ struct PreprocessReport {
     std::uint64_t input_bytes = 0;
     std::uint64_t store_bytes = 0;
     std::uint64_t chunks = 0;
-    double min_value = 0;
+    double min_value = 0;  ///< of labels of 64 bits: the label, rounded beyond 2^53
     double max_value = 0;
+    /// Of labels of 64 bits, if a node has one: the smallest and the largest.
+    std::optional<std::array<std::int64_t, 2>> labels = {};
     bool has_missing = false;          ///< non-finite values were found and treated as missing data
     std::uint64_t label_names = 0;     ///< labels whose name or colour the store has
     std::uint64_t resumed_chunks = 0;  ///< taken over from an interrupted run

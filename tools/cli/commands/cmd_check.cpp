@@ -28,6 +28,7 @@ struct CheckArguments {
     std::vector<std::string> source;
     SourceOptions source_options;
     CheckOptions check;
+    std::string source_option;  ///< one that says how the source is read, or empty
     RemoteArguments remote;
 };
 
@@ -52,7 +53,19 @@ void check_analyses(const StoreReader& store, Result& result) {
     }
 }
 
+const char* depth_text(CheckDepth depth) {
+    return depth == CheckDepth::quick ? "quick" : depth == CheckDepth::deep ? "deep" : "standard";
+}
+
 Result run(CheckArguments& a, Progress& progress) {
+    if (a.source_options.labels) {
+        a.source_option = "--labels";  // no option of that group
+    }
+    if (a.source.empty() && !a.source_option.empty()) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} says how the volume of --source is read, and there is none",
+                                a.source_option));
+    }
     const Store opened = open_store(a.store, a.remote, a.check.memory, progress);
     const StoreReader& store = opened.reader();
     const std::string path = store.path().string();
@@ -74,13 +87,13 @@ Result run(CheckArguments& a, Progress& progress) {
         return result;
     }
     result.exit_code = r.failures > 0 ? static_cast<int>(ErrorKind::corrupt) : 0;
-    result.json = {{"store", path},
-                   {"ok", r.failures == 0},
-                   {"chunks", r.chunks},
-                   {"nodes", r.nodes},
-                   {"cubes", r.cubes},
-                   {"failures", r.failures},
-                   {"findings", Json::array()}};
+    result.json = {
+        {"store", path},          {"ok", r.failures == 0},    {"depth", depth_text(a.check.depth)},
+        {"chunks", r.chunks},     {"nodes", r.nodes},         {"cubes", r.cubes},
+        {"failures", r.failures}, {"findings", Json::array()}};
+    if (!a.source.empty()) {
+        result.json["source"] = {{"labels", a.source_options.labels}};
+    }
     check_analyses(store, result);
     const auto add_counts = [&] {
         add_fetched(opened, result);
@@ -166,9 +179,13 @@ void add_check(CLI::App& app, Invocation& chosen) {
     add_memory(c, a->check.memory);
     add_threads(c, a->check.threads);
     add_remote_options(c, a->remote);
-    c->callback([a, &chosen] {
+    c->callback([a, c, &chosen] {
+        a->source_option = given_source_option(*c);
         a->check.ranks = chosen.ranks;
         chosen.run = [a](Progress& progress) {
+            std::vector<std::string> inputs = a->source;
+            inputs.push_back(a->store);
+            require_far(a->remote, inputs);
             return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
         };
     });

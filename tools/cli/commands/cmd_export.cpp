@@ -6,6 +6,7 @@
 
 #include "query/extract/export.h"
 #include "query/study/export_computed.h"
+#include "query/view/label_view.h"
 #include "tools/cli/command.h"
 #include "tools/cli/options/fields.h"
 #include "tools/cli/options/remote_options.h"
@@ -53,7 +54,8 @@ Result run(ExportArguments& a, Progress& progress) {
     const bool values = a.options.field == Field::values;
     const Int3 nodes = values ? store.layout().array(a.options.level, Field::values).nodes
                               : store.layout().header().nodes;
-    const std::string_view type = name_of(values ? store.layout().header().type : ValueType::f32);
+    const std::string_view type =
+        values ? type_of_values(store.layout().header()) : name_of(ValueType::f32);
     Result result;
     result.warning = leftovers_of(a.output);
     result.json = {{"output", a.output},
@@ -75,9 +77,10 @@ void add_export(CLI::App& app, Invocation& chosen) {
         app, chosen, "export",
         {"Write a field of a store as a plain volume file",
          "The name decides: .h5 (dataset 'data', [z,y,x]), .nrrd, .nii (NIfTI), .vti, .npy,\n"
-         ".mha (MetaImage) or .raw. Values come in the input's type; an indicator comes as float32 "
-         "on\n"
-         "the finest lattice, 0 at the macro vertices. One that is not in the store is computed in "
+         ".mha (MetaImage) or .raw. Values come in the input's type (64-bit labels as int64); an "
+         "indicator\n"
+         "comes as float32 on the finest lattice, 0 at the macro vertices. One that is not in the "
+         "store is computed in "
          "memory,\n"
          "which has to hold 20 bytes a node.",
          "isonest export scan.isonest --field values --level 2 -o quarter.nrrd\n"
@@ -112,6 +115,7 @@ void add_export(CLI::App& app, Invocation& chosen) {
     add_remote_options(c, a->remote);
     c->callback([a, &chosen] {
         chosen.run = [a](Progress& progress) {
+            require_far(a->remote, {a->store});
             return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
         };
     });

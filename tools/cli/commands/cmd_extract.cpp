@@ -1,8 +1,11 @@
 // isonest extract: from a store or a volume to an isosurface mesh.
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
 #include <filesystem>
 #include <memory>
+#include <span>
 #include <system_error>
 
 #include <isonest/error.h>
@@ -127,11 +130,7 @@ std::optional<Store> open_input_store(ExtractCommand& a, Progress& progress) {
         return std::nullopt;
     }
     a.extract.store = store->path().string();
-    if (!a.source_option.empty()) {
-        throw Error(
-            ErrorKind::invalid_argument, {a.extract.store},
-            fmt::format("is a store, and {} says how a volume file is read", a.source_option));
-    }
+    require_no_source_option(a.source_option, a.extract.store);
     return store;
 }
 
@@ -145,6 +144,11 @@ Result extract_store(const Store& store, ExtractCommand arguments, const Store* 
         throw Error(ErrorKind::invalid_argument,
                     "--keep-nodes goes with --smooth and with --distance or --triangles: labels "
                     "that are not simplified keep all nodes on their sides");
+    }
+    const Int3 nodes = store.nodes();
+    if (a.options.quality && !a.is_graph && std::min({nodes.x, nodes.y, nodes.z}) == 1) {
+        throw Error(ErrorKind::invalid_argument, {a.store},
+                    "--quality: isolines are lines, and have no triangles with angles");
     }
     if (labels.interfaces) {
         return extract_label_interfaces(
@@ -163,7 +167,7 @@ Result extract_store(const Store& store, ExtractCommand arguments, const Store* 
     if (!has_iso && !a.is_graph && !labels.one) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("give the isovalue, --iso V, or a --label; the values of {} are {}",
-                                a.store, human_range(store.min_value(), store.max_value())));
+                                a.store, range_text(store)));
     }
     if (arguments.isovalues.all.size() > 1) {
         return run_isovalues(store, arguments, values, progress);
@@ -244,6 +248,53 @@ Result run(ExtractCommand& arguments, bool has_iso, Communicator* ranks, Progres
         result.text += "vertex values: " + fetched_text(others->fetched());
     }
     return result;
+}
+
+/// Options that have an effect on what is extracted from a store alone.
+constexpr std::array kOfStores{"--error",
+                               "--error-relative",
+                               "--guarantee",
+                               "--stop",
+                               "--threshold",
+                               "--focus",
+                               "--falloff",
+                               "--threshold-relative",
+                               "--camera",
+                               "--pixels",
+                               "--fov",
+                               "--height",
+                               "--box",
+                               "--graph",
+                               "--scale",
+                               "--close",
+                               "--bound",
+                               "--volume-interval",
+                               "--by",
+                               "--simplify",
+                               "--view",
+                               "--no-simplify",
+                               "--keep-analysis",
+                               "--cull-by",
+                               "--vertices",
+                               "--cells",
+                               "--label",
+                               "--labels",
+                               "--smooth",
+                               "--keep-nodes",
+                               "--interfaces",
+                               "--format",
+                               "--vertex-values",
+                               "--vertex-error"};
+
+/// Those of these options that were given.
+std::vector<std::string> given_of(const CLI::App& command, std::span<const char* const> options) {
+    std::vector<std::string> given;
+    for (const char* const option : options) {
+        if (command.get_option(option)->count() > 0) {
+            given.emplace_back(option);
+        }
+    }
+    return given;
 }
 
 /// What usually comes, and how long it takes beside the rest.
@@ -370,9 +421,10 @@ void add_extract(CLI::App& app, Invocation& chosen) {
         "linear|exact")
         ->excludes(graph);
     add_cells_option(c, a->extract);
-    add_label_options(c, a->labels,
-                      {"--iso", "--error", "--error-relative", "--stop", "--focus", "--camera",
-                       "--graph", "--view", "--vertices", "--keep-analysis", "--volume-interval"});
+    add_label_options(
+        c, a->labels,
+        {"--iso", "--error", "--error-relative", "--stop", "--focus", "--camera", "--graph",
+         "--bound", "--view", "--vertices", "--keep-analysis", "--volume-interval"});
     add_space_option(c, a->extract);
     c->add_flag("--normals", a->extract.normals, "vertex normals from the data's gradient");
     c->add_option("--vertex-values", a->values,
@@ -393,7 +445,11 @@ void add_extract(CLI::App& app, Invocation& chosen) {
     add_source_options(c, a->source, false);
     c->callback([a, c, iso, &chosen] {
         a->source_option = given_source_option(*c);
+        a->store_options = given_of(*c, kOfStores);
         chosen.run = [a, ranks = chosen.ranks, has_iso = iso->count() > 0](Progress& progress) {
+            std::vector<std::string> inputs = a->input;
+            inputs.push_back(a->values);
+            require_far(a->remote, inputs);
             return run_beside_fetching(a->remote,
                                        [&] { return run(*a, has_iso, ranks, progress); });
         };

@@ -8,6 +8,7 @@
 
 #include "query/extract/info.h"
 #include "query/statistics/histogram.h"
+#include "query/view/label_view.h"
 #include "store/files/output_file.h"
 #include "tools/cli/command.h"
 #include "tools/cli/commands/analyses.h"
@@ -31,6 +32,12 @@ double ratio(const ArrayReport& r) {
 /// JSON has no infinity: the range of an array without any finite value is null.
 Json number(double value) {
     return std::isfinite(value) ? Json(value) : Json();
+}
+
+/// Of a store's values: where they stand for labels, the label.
+Json value_json(const StoreHeader& header, double value) {
+    const std::optional<std::int64_t> label = wide_label(header, value);
+    return label ? Json(*label) : number(value);
 }
 
 Json to_json(const Int3& v) {
@@ -135,14 +142,15 @@ Result run(InfoArguments& a, Progress& progress) {
     result.json = {{"store", path},
                    {"format", store.version().text()},
                    {"nodes", to_json(h.nodes)},
-                   {"type", name_of(h.type)},
+                   {"type", type_of_values(h)},
+                   {"labels", h.labels},
                    {"spacing", h.spacing},
                    {"origin", h.origin},
                    {"direction", h.direction},
                    {"unit", unit_json(h.unit)},
                    {"frame", frame_json(h.frame)},
-                   {"min_value", any ? number(store.min_value()) : Json()},
-                   {"max_value", any ? number(store.max_value()) : Json()},
+                   {"min_value", any ? value_json(h, store.min_value()) : Json()},
+                   {"max_value", any ? value_json(h, store.max_value()) : Json()},
                    {"has_missing", store.has_missing()},
                    {"levels", store.layout().lattice().top() + 1},
                    {"fields", fields},
@@ -161,9 +169,9 @@ Result run(InfoArguments& a, Progress& progress) {
         "indicators {} ({}), chunks of {}^3 nodes, zstd level {}\n"
         "ranges of cubes: {}\n\n"
         "{:>5} {:<14} {:>18} {:>8} {:>10} {:>7}  {}\n",
-        path, h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type), store.layout().lattice().top() + 1,
-        human_bytes(static_cast<double>(store.file_bytes())), h.spacing[0], h.spacing[1],
-        h.spacing[2], h.origin[0], h.origin[1], h.origin[2],
+        path, h.nodes.x, h.nodes.y, h.nodes.z, type_of_values(h),
+        store.layout().lattice().top() + 1, human_bytes(static_cast<double>(store.file_bytes())),
+        h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1], h.origin[2],
         h.unit ? fmt::format("unit {} ({})", symbol_of(*h.unit), name_of(*h.unit))
                : std::string("unit not known"),
         h.frame == AnatomicalFrame::unknown ? std::string("patient axes not known")
@@ -192,14 +200,16 @@ Result run(InfoArguments& a, Progress& progress) {
                                          {"raw_bytes", r.raw_bytes},
                                          {"stored_bytes", r.stored_bytes},
                                          {"ratio", ratio(r)},
-                                         {"min", number(r.min)},
-                                         {"max", number(r.max)},
+                                         {"min", r.labels ? Json((*r.labels)[0]) : number(r.min)},
+                                         {"max", r.labels ? Json((*r.labels)[1]) : number(r.max)},
                                          {"alias", r.alias}});
         result.text +=
             fmt::format("{:>5} {:<14} {:>18} {:>8} {:>10} {:>7}  {}\n", r.level, name_of(r.field),
                         fmt::format("{}x{}x{}", r.nodes.x, r.nodes.y, r.nodes.z), r.chunks,
                         r.alias ? "shared" : human_bytes(static_cast<double>(r.stored_bytes)),
-                        r.alias ? "" : fmt::format("{:.2f}", ratio(r)), human_range(r.min, r.max));
+                        r.alias ? "" : fmt::format("{:.2f}", ratio(r)),
+                        r.labels ? fmt::format("{} to {}", (*r.labels)[0], (*r.labels)[1])
+                                 : human_range(r.min, r.max));
     }
     add_label_names(store.label_names(), result);
     add_analyses(store, result);
@@ -247,6 +257,7 @@ void add_info(CLI::App& app, Invocation& chosen) {
     add_remote_options(c, a->remote);
     c->callback([a, &chosen] {
         chosen.run = [a](Progress& progress) {
+            require_far(a->remote, {a->store});
             return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
         };
     });

@@ -76,14 +76,22 @@ void add_make_volume(CLI::App& app, Invocation& chosen) {
             o.seed = static_cast<std::uint64_t>(
                 parse_integer("--seed", text, 0, std::numeric_limits<std::int64_t>::max()));
         },
-        "which noise [1]", "N");
+        "which noise, or which mixture of cahn-hilliard [1]", "N");
     add_threads(c, o.threads);
     c->add_option("-o,--output", a->output, "the file to write: .h5, .nrrd or .raw")
         ->required()
         ->type_name("FILE");
     c->add_flag("--force", o.force, "replace an existing file");
-    c->callback(
-        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+    c->callback([a, c, &chosen] {
+        const bool seeded = c->get_option("--seed")->count() > 0;
+        chosen.run = [a, seeded](Progress& progress) {
+            if (seeded && a->options.name != "noise" && a->options.name != "cahn-hilliard") {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--seed: {} has no random numbers", a->options.name));
+            }
+            return run(*a, progress);
+        };
+    });
 }
 
 }  // namespace isonest::detail::cli

@@ -31,6 +31,8 @@ struct PictureArguments {
     int turntable = 0;  ///< pictures; 0: one, under its own name
     std::string by = "value";
     PictureOptions options;
+    const char* value_option = "";  ///< one that says how values are drawn, or empty
+    bool has_color = false;         ///< --color was given
 };
 
 constexpr int kMostViews = 3600;
@@ -96,6 +98,15 @@ Result run(const PictureArguments& a, Progress& progress) {
     if (a.by != "value" && a.by != "none" && !mesh.has_values()) {
         throw Error(ErrorKind::not_found, {a.mesh},
                     fmt::format("its vertices have no property '{}'", a.by));
+    }
+    const bool has_values = mesh.has_values() && a.options.by_values;
+    if (a.value_option[0] != 0 && !has_values) {
+        throw Error(ErrorKind::invalid_argument, {a.mesh},
+                    fmt::format("{}: it is drawn without values", a.value_option));
+    }
+    if (a.has_color && has_values) {
+        throw Error(ErrorKind::invalid_argument, {a.mesh},
+                    "--color: its values give the colours; --color-by none draws it in one");
     }
     const PictureReport r = draw_pictures(mesh, views, a.options, progress);
     Result result;
@@ -203,8 +214,13 @@ void add_picture(CLI::App& app, Invocation& chosen) {
         },
         "of the surface, each 0 to 255 [110,156,204]", "R,G,B");
     add_memory(c, o.memory);
-    c->callback(
-        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+    c->callback([a, c, &chosen] {
+        for (const char* const option : {"--colors", "--range"}) {
+            a->value_option = c->get_option(option)->count() > 0 ? option : a->value_option;
+        }
+        a->has_color = c->get_option("--color")->count() > 0;
+        chosen.run = [a](Progress& progress) { return run(*a, progress); };
+    });
 }
 
 }  // namespace isonest::detail::cli

@@ -55,19 +55,21 @@ Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
     a.source.max_heap = a.preprocess.memory / 4;
     const std::unique_ptr<VolumeSource> source =
         open_input(a.input, std::filesystem::path(a.store).parent_path(), a.source);
-    const ValueType type = source->describe().type;
+    const VolumeDescription volume = source->describe();
+    const std::string type(volume.labels ? "int64" : name_of(volume.type));
     Result result;
     const PreprocessReport r = run_on(ranks, *source, a, result.rank, progress);
     const double rate = r.seconds > 0 ? static_cast<double>(r.input_bytes) / r.seconds : 0;
     result.warning = leftovers_of(a.store);
     result.json = {{"store", a.store},
                    {"nodes", {r.nodes.x, r.nodes.y, r.nodes.z}},
-                   {"type", name_of(type)},
+                   {"type", type},
+                   {"labels", a.source.labels},
                    {"unit", unit_json(source->describe().unit)},
                    {"frame", frame_json(source->describe().frame)},
                    {"levels", r.levels},
-                   {"min_value", r.min_value},
-                   {"max_value", r.max_value},
+                   {"min_value", r.labels ? Json((*r.labels)[0]) : Json(r.min_value)},
+                   {"max_value", r.labels ? Json((*r.labels)[1]) : Json(r.max_value)},
                    {"has_missing", r.has_missing},
                    {"input_bytes", r.input_bytes},
                    {"store_bytes", r.store_bytes},
@@ -80,8 +82,10 @@ Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
     result.text = fmt::format(
         "{}: {} x {} x {} {}, {}{}\n"
         "{} levels in {} chunks, {} ({:.2f} of the input's {}), in {} ({}/s)\n",
-        a.store, r.nodes.x, r.nodes.y, r.nodes.z, name_of(type),
-        value_text(source->describe().labels, r.min_value, r.max_value),
+        a.store, r.nodes.x, r.nodes.y, r.nodes.z, type,
+        r.labels
+            ? fmt::format("labels {} to {}", (*r.labels)[0], (*r.labels)[1])
+            : (a.source.labels ? "labels " : "values ") + human_range(r.min_value, r.max_value),
         r.has_missing ? ", some missing" : "", r.levels, r.chunks,
         human_bytes(static_cast<double>(r.store_bytes)),
         static_cast<double>(r.store_bytes) /
@@ -98,7 +102,10 @@ Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
     if (ranks != nullptr && result.json.contains("remote")) {
         result.rank["remote"] = result.json["remote"];
     }
-    result.text += paraview_hint(a.store);
+    result.text += volume.labels
+                       ? "VTK and ParaView do not open a store of 64-bit labels; isonest export "
+                         "writes them as a volume (.vti, .nrrd)\n"
+                       : paraview_hint(a.store);
     if (r.resumed_chunks > 0) {
         result.text +=
             fmt::format("{} chunks were taken over from an interrupted run\n", r.resumed_chunks);
@@ -171,6 +178,7 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
     add_remote_options(c, a->remote);
     c->callback([a, &chosen] {
         chosen.run = [a, ranks = chosen.ranks](Progress& progress) {
+            require_far(a->remote, a->input);
             return run_beside_fetching(a->remote, [&] { return run(*a, ranks, progress); });
         };
         chosen.stages = {{"check the interrupted run", "checking the interrupted run", 0.1},

@@ -28,6 +28,7 @@ struct SliceArguments {
     WorldPlane plane;
     SlicePictureOptions picture;  ///< its contours also if no picture is drawn
     bool has_range = false;
+    std::string picture_option;  ///< one that is of pictures, or empty
     RemoteArguments remote;
 };
 
@@ -113,6 +114,15 @@ Result run(SliceArguments& a, Progress& progress) {
                     "--space is of the positions in a mesh; this is a picture");
     }
     ExtractReport r;
+    if (picture && (a.extract.normals || a.extract.vertex_error)) {
+        throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
+                    fmt::format("{} goes with a mesh: a picture holds nothing of vertices",
+                                a.extract.normals ? "--normals" : "--vertex-error"));
+    }
+    if (!picture && !a.picture_option.empty()) {
+        throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
+                    a.picture_option + " goes with a picture: an --output that ends with .png");
+    }
     if (picture) {
         a.picture.normal = a.plane.normal;
         // While it is drawn, the mesh's parts are within the rest.
@@ -127,6 +137,13 @@ Result run(SliceArguments& a, Progress& progress) {
     }
     Result result;
     result.warning = extract_warning(a.extract, r);
+    if (store.reader().label_names().size() > 0) {
+        result.warning += result.warning.empty() ? "" : "\n";
+        result.warning += fmt::format(
+            "{}: its values are labels with names, and a slice is linear between nodes: between "
+            "the labels 1 and 3 it shows 2; isonest export writes the labels themselves",
+            a.extract.store);
+    }
     result.json = extract_json(a.extract, r);
     result.json["unit"] = unit_json(store.unit());
     if (!picture) {
@@ -225,8 +242,14 @@ void add_slice(CLI::App& app, Invocation& chosen) {
         ->required()
         ->type_name("OUT");
     add_remote_options(c, a->remote);
-    c->callback([a, &chosen] {
+    c->callback([a, c, &chosen] {
+        for (const char* const option : {"--size", "--colors", "--plain", "--range"}) {
+            if (c->get_option(option)->count() > 0) {
+                a->picture_option = option;
+            }
+        }
         chosen.run = [a](Progress& progress) {
+            require_far(a->remote, {a->extract.store});
             return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
         };
         chosen.stages = {{"extract", "cutting", 0.6}, {"write mesh", "writing", 0.4}};

@@ -37,6 +37,8 @@ struct SmoothArguments {
     std::vector<int> size{800, 800};
     std::uint64_t memory = std::uint64_t{1} << 30U;
     bool force = false;
+    std::string source_option;   ///< one that says how a volume file is read, or empty
+    std::string picture_option;  ///< one that is of pictures, or empty
     RemoteArguments remote;
 };
 
@@ -44,13 +46,21 @@ struct SmoothArguments {
 VolumeValues open_values(SmoothArguments& a, Progress& progress) {
     // NOLINTNEXTLINE(clang-analyzer-deadcode.DeadStores): used where a store was not opened
     const std::uint64_t memory = a.memory;
+    std::shared_ptr<const Store> store;
     try {
-        return VolumeValues(
-            std::make_shared<const Store>(open_store(a.input, a.remote, a.memory, progress)));
+        store = std::make_shared<const Store>(open_store(a.input, a.remote, a.memory, progress));
     } catch (const Error& error) {
         if (!is_no_store(error) && !may_be_folder(error, a.input)) {
             throw;
         }
+    }
+    if (store) {
+        require_no_source_option(a.source_option, store->path().string());
+        return VolumeValues(std::move(store));
+    }
+    if (a.source.missing) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--missing: all values of a volume that is smoothed have to be numbers");
     }
     a.memory = memory;
     a.remote.opened = 0;
@@ -137,6 +147,14 @@ Result run(SmoothArguments& a, Progress& progress) {
         throw Error(
             ErrorKind::invalid_argument,
             fmt::format("--snapshots {}: there are only {} steps", *a.snapshots.rbegin(), a.steps));
+    }
+    const bool draws = std::filesystem::path(a.output).extension() == ".png" ||
+                       std::filesystem::path(a.grid).extension() == ".png";
+    if (!a.picture_option.empty() && !draws) {
+        throw Error(ErrorKind::invalid_argument,
+                    a.picture_option +
+                        " goes with a picture: an --output or --grid that ends "
+                        "with .png");
     }
     const auto start = std::chrono::steady_clock::now();
     a.source.max_heap = a.memory / 4;
@@ -242,7 +260,7 @@ void add_smooth(CLI::App& app, Invocation& chosen) {
          "    --threshold 1 --snapshots 0,5,10 --grid grid.png -o map.png"});
     c->add_option("INPUT", a->input, "a volume that preprocess reads, or a store, a file or a URL")
         ->required();
-    add_source_options(c, a->source);
+    add_source_options(c, a->source, false);
     add_parsed(
         c, "--steps",
         [a](const std::string& text) {
@@ -301,8 +319,15 @@ void add_smooth(CLI::App& app, Invocation& chosen) {
     add_memory(c, a->memory);
     add_threads(c, a->diffusion.threads);
     add_remote_options(c, a->remote);
-    c->callback([a, &chosen] {
+    c->callback([a, c, &chosen] {
+        a->source_option = given_source_option(*c);
+        for (const char* const option : {"--colors", "--size"}) {
+            if (c->get_option(option)->count() > 0) {
+                a->picture_option = option;
+            }
+        }
         chosen.run = [a](Progress& progress) {
+            require_far(a->remote, {a->input});
             return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
         };
     });

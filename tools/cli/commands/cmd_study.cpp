@@ -344,6 +344,7 @@ void add_study(CLI::App& app, Invocation& chosen) {
     add_remote_options(c, a->remote);
     c->callback([a, &chosen] {
         chosen.run = [a](Progress& progress) {
+            require_far(a->remote, {a->store});
             return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
         };
     });

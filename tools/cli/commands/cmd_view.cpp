@@ -198,6 +198,7 @@ void add_view(CLI::App& app, Invocation& chosen) {
     add_remote_options(c, a->remote);
     c->callback([a, &chosen] {
         chosen.run = [a, &chosen](Progress& /*progress*/) {
+            require_far(a->remote, {a->store});
             a->json = chosen.json;
             return run(*a);
         };

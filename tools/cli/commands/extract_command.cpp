@@ -1,7 +1,9 @@
 #include "tools/cli/commands/extract_command.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
+#include <algorithm>
 #include <limits>
 #include <memory>
 #include <utility>
@@ -35,6 +37,29 @@ void require_no_store(const ExtractCommand& a, bool has_iso) {
     if (!has_iso) {
         throw Error(ErrorKind::invalid_argument, {a.extract.store}, "give the isovalue, --iso V");
     }
+    // The library refuses the others, but knows nothing of these.
+    if (a.labels.smooth) {
+        refuse_without_store(a, "--smooth and surfaces of labels");
+    }
+    if (a.labels.keep_nodes) {
+        refuse_without_store(a, "--keep-nodes and surfaces of labels");
+    }
+    if (a.extract.error.guarantee != Guarantee::deviation) {
+        refuse_without_store(a, "errors and their --guarantee");
+    }
+}
+
+/// Names the options that a store is needed for.
+[[noreturn]] void rethrow_named(const Error& error, const ExtractCommand& a) {
+    const bool needs_store =
+        std::any_of(error.remedies().begin(), error.remedies().end(),
+                    [](const Remedy& r) { return r.kind == RemedyKind::make_store; });
+    if (!needs_store || a.store_options.empty()) {
+        throw Error(error);
+    }
+    throw Error(error.kind(), error.place(),
+                fmt::format("{}: {}", fmt::join(a.store_options, ", "), error.problem()),
+                error.remedies());
 }
 
 /// Says of a file that nothing describes that it is no store either.
@@ -72,6 +97,33 @@ std::string empty_volume(VolumeSource& volume, double iso, const ExtractOptions&
                            ? fmt::format("every value is below {}", iso)
                            : fmt::format("values are missing wherever others pass {}", iso),
                        human_range(low, high));
+}
+
+/// REQUIRES: require_no_store().
+Result extract_from_volume(ExtractCommand arguments, Progress& progress) {
+    ExtractArguments& a = arguments.extract;
+    a.mesh = mesh_name(a.mesh, arguments.isovalues.texts.front());
+    const std::optional<Store> others = open_values(arguments, progress);
+    reach_volume(arguments.input, arguments.remote, a.options.memory, arguments.source, progress);
+    const ExtractOptions options = options_of(a);
+    // As preprocess does: a quarter of the budget for chunks of the input.
+    arguments.source.max_heap = options.memory / 4;
+    const std::unique_ptr<VolumeSource> volume = open_any_volume(arguments, options.scratch);
+    const VolumeDescription description = volume->describe();
+    arguments.distance.resolve(description.unit, description.name);
+    const SurfaceQuery query = arguments.surface_query(others ? &*others : nullptr);
+    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, a.file_options());
+    const ExtractReport report = isonest::extract(*volume, query, *sink, options, progress);
+    ExtractOrigin origin{nullptr, volume.get(), description.unit, description.frame, {}};
+    if (report.triangles == 0) {
+        origin.why_empty = empty_volume(*volume, query.iso, options, progress);
+    }
+    Result result = result_of(origin, arguments, report);
+    add_fetched(*volume, result);
+    if (others && others->is_remote()) {
+        result.json["remote_values"] = fetched_json(others->fetched());
+    }
+    return result;
 }
 
 }  // namespace
@@ -116,30 +168,12 @@ std::optional<Store> open_values(ExtractCommand& arguments, Progress& progress) 
 }
 
 Result extract_volume_file(ExtractCommand arguments, bool has_iso, Progress& progress) {
-    require_no_store(arguments, has_iso);
-    ExtractArguments& a = arguments.extract;
-    a.mesh = mesh_name(a.mesh, arguments.isovalues.texts.front());
-    const std::optional<Store> others = open_values(arguments, progress);
-    reach_volume(arguments.input, arguments.remote, a.options.memory, arguments.source, progress);
-    const ExtractOptions options = options_of(a);
-    // As preprocess does: a quarter of the budget for chunks of the input.
-    arguments.source.max_heap = options.memory / 4;
-    const std::unique_ptr<VolumeSource> volume = open_any_volume(arguments, options.scratch);
-    const VolumeDescription description = volume->describe();
-    arguments.distance.resolve(description.unit, description.name);
-    const SurfaceQuery query = arguments.surface_query(others ? &*others : nullptr);
-    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, a.file_options());
-    const ExtractReport report = isonest::extract(*volume, query, *sink, options, progress);
-    ExtractOrigin origin{nullptr, volume.get(), description.unit, description.frame, {}};
-    if (report.triangles == 0) {
-        origin.why_empty = empty_volume(*volume, query.iso, options, progress);
+    try {
+        require_no_store(arguments, has_iso);
+        return extract_from_volume(arguments, progress);
+    } catch (const Error& error) {
+        rethrow_named(error, arguments);
     }
-    Result result = result_of(origin, arguments, report);
-    add_fetched(*volume, result);
-    if (others && others->is_remote()) {
-        result.json["remote_values"] = fetched_json(others->fetched());
-    }
-    return result;
 }
 
 }  // namespace isonest::detail::cli

@@ -31,9 +31,10 @@ struct ExtractCommand {
     VertexPlace vertices = VertexPlace::linear;
     std::string values;  ///< a second store, or empty
     LabelArguments labels;
-    std::vector<std::string> input;  ///< a store, or a volume
-    SourceOptions source;            ///< how to read a volume
-    std::string source_option = {};  ///< one of them that was given, or empty
+    std::vector<std::string> input;               ///< a store, or a volume
+    SourceOptions source;                         ///< how to read a volume
+    std::string source_option = {};               ///< one of them that was given, or empty
+    std::vector<std::string> store_options = {};  ///< those given that are of stores alone
     RemoteArguments remote = {};
 
     /// What surfaces and graphs have. `values`: the store of vertex values, or null.

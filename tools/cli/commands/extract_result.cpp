@@ -14,7 +14,7 @@ std::string empty_surface(const Store& store, const ExtractCommand& arguments,
                           const ExtractReport& r) {
     const ExtractArguments& a = arguments.extract;
     const double iso = arguments.isovalues.one();
-    const std::string range = human_range(store.min_value(), store.max_value());
+    const std::string range = range_text(store);
     if (arguments.labels.one) {
         return fmt::format(
             "There is no node with the label {}{}{}, or no other one: the values are "

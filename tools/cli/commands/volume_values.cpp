@@ -50,7 +50,7 @@ VolumeDescription VolumeValues::describe() const {
         return source_->describe();
     }
     const StoreHeader& h = store_->reader().layout().header();
-    return {h.nodes, h.type, h.spacing, h.origin, path_, h.direction, false, h.unit, h.frame};
+    return {h.nodes, h.type, h.spacing, h.origin, path_, h.direction, h.labels, h.unit, h.frame};
 }
 
 std::vector<std::filesystem::path> VolumeValues::files() const {
@@ -69,6 +69,11 @@ std::uint64_t VolumeValues::heap() const {
 
 std::vector<float> VolumeValues::read(Progress& progress) {
     const VolumeDescription d = describe();
+    if (d.labels) {
+        throw Error(ErrorKind::unsupported, {path_},
+                    "its values are labels of 64 bits, which are not smoothed as numbers are; "
+                    "extract makes smooth surfaces of them");
+    }
     std::vector<float> values(static_cast<std::size_t>(d.nodes.product()));
     const std::int64_t planes = planes_at_once(d, source_ ? source_->granularity().planes : 1);
     progress.begin("read", static_cast<std::uint64_t>(d.nodes.z), "planes");

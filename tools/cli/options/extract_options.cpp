@@ -335,6 +335,13 @@ bool reaches_volume(const Store& store, const WorldBox& box) {
     return true;
 }
 
+std::string range_text(const Store& store) {
+    const StoreReader& reader = store.reader();
+    return reader.layout().header().labels
+               ? value_text(true, reader.min_value(), reader.max_value())
+               : human_range(reader.min_value(), reader.max_value());
+}
+
 std::string volume_text(const Store& store) {
     const StoreHeader& h = store.reader().layout().header();
     const Double3 last = rotated_about(h.origin, h.direction, last_position(h));

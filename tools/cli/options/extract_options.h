@@ -77,6 +77,8 @@ std::string extract_warning(const ExtractArguments& a, const ExtractReport& r);
 /// Whether the box and the volume have more than a face in common along each axis that the volume
 /// has.
 bool reaches_volume(const Store& store, const WorldBox& box);
+/// "0 to 255", or "labels 0 to 7": of the store's values.
+std::string range_text(const Store& store);
 /// "which lies between 0,0,0 and 9,9,9".
 std::string volume_text(const Store& store);
 /// The folder of the output: what does not fit into the memory goes there too.

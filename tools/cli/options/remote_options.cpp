@@ -115,6 +115,16 @@ void add_remote_options(CLI::App* command, RemoteArguments& a) {
         "FOLDER[:SIZE]");
 }
 
+void require_far(const RemoteArguments& a, const std::vector<std::string>& inputs) {
+    const bool far = std::any_of(inputs.begin(), inputs.end(),
+                                 [](const std::string& input) { return is_url(input); });
+    if (!far && (!a.headers.empty() || !a.cache.empty())) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} goes with an input at a URL, and there is none",
+                                a.headers.empty() ? "--cache" : "--header"));
+    }
+}
+
 Store open_store(const std::string& location, RemoteArguments& a, std::uint64_t& memory,
                  Progress& progress, const std::string& first) {
     if (!is_url(location)) {

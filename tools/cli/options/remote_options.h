@@ -27,6 +27,9 @@ struct RemoteArguments {
 /// Adds --header and --cache.
 void add_remote_options(CLI::App* command, RemoteArguments& a);
 
+/// Throws Error{invalid_argument} for --header and --cache where none of the inputs is a URL.
+void require_far(const RemoteArguments& a, const std::vector<std::string>& inputs);
+
 /// A file or a URL. Of a store elsewhere a quarter of `memory`, from 16 to 256 MiB, is set aside
 /// for what is fetched, and `memory` becomes the rest. `progress` ends its waits, as long as the
 /// store is open. `first`: of a second store, the one whose server the headers are for. Throws what

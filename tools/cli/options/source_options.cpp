@@ -197,6 +197,13 @@ std::string given_source_option(const CLI::App& command) {
     return "";
 }
 
+void require_no_source_option(const std::string& option, const std::string& store) {
+    if (!option.empty()) {
+        throw Error(ErrorKind::invalid_argument, {store},
+                    fmt::format("is a store, and {} says how a volume file is read", option));
+    }
+}
+
 void add_source_options(CLI::App* command, SourceOptions& o, bool with_labels) {
     const char* const group = kGroup;
     add_parsed(

@@ -25,5 +25,7 @@ std::unique_ptr<VolumeSource> open_input(const std::vector<std::string>& input,
 void add_source_options(CLI::App* command, SourceOptions& options, bool with_labels = true);
 /// "--dataset": one of them that was given; or empty.
 std::string given_source_option(const CLI::App& command);
+/// Throws Error{invalid_argument} where one was given for this store. `option`: it, or empty.
+void require_no_source_option(const std::string& option, const std::string& store);
 
 }  // namespace isonest::detail::cli

@@ -23,6 +23,9 @@ const char* cubes_name(const Histogram& h) {
 }
 
 std::string cubes_of(const Histogram& h) {
+    if (h.first_label) {
+        return "The values are labels, which have no isosurfaces.\n";
+    }
     if (!h.cube_level) {
         return fmt::format("{}: not counted, the store has no ranges of cubes; --level 0 does\n",
                            cubes_name(h));
@@ -78,6 +81,9 @@ std::string rows(const Histogram& h) {
 }  // namespace
 
 std::string value_text(const Histogram& h, double value) {
+    if (h.first_label) {
+        return fmt::format("{}", *h.first_label + static_cast<std::int64_t>(std::round(value)));
+    }
     // Halves, because the differences of the largest numbers are no numbers.
     const std::vector<double>& low = h.bins.low;
     const double half_bin =
@@ -93,6 +99,9 @@ std::string histogram_text(const Histogram& h) {
         return text + "no value: all are missing\n";
     }
     text += cubes_of(h) + "\n" + rows(h) + "\n";
+    if (h.first_label) {
+        return text;
+    }
     if (h.suggested.empty()) {
         return text + "no isovalue to suggest: " +
                (h.cube_level ? "the values are too few, or all the same\n"

@@ -148,7 +148,7 @@ class Store(Extracting):
 
     @property
     def range(self) -> Optional[tuple[float, float]]:
-        """The smallest and the largest finite value; None if there is none."""
+        """The smallest and the largest finite value; None if there is none. Labels of 64 bits are ints."""
         low, high = self._core.min, self._core.max
         return (low, high) if low <= high else None
 
@@ -208,7 +208,7 @@ class Store(Extracting):
 
     def values(self, level: int = 0, box: Optional[Sequence[Union[slice, int]]] = None, *, memory: Bytes = "256M",
                threads: int = 0, progress: Progress = None) -> np.ndarray:
-        """The values of a level: those of ``array[::2**level, ::2**level, ::2**level]``.
+        """The values of a level: those of ``array[::2**level, ::2**level, ::2**level]``. Labels of 64 bits come as int64.
 
         box: slices of that array, such as ``np.s_[10:20, :, 5:]``; only their chunks are read. Without it all.
         memory: beside the array that is returned.

@@ -160,8 +160,16 @@ void add_checks(py::module_& module) {
         .def_readonly("chunks", &R::chunks)
         .def_readonly("raw_bytes", &R::raw_bytes, "of the nodes themselves")
         .def_readonly("stored_bytes", &R::stored_bytes)
-        .def_readonly("min", &R::min)
-        .def_readonly("max", &R::max)
+        .def_property_readonly("min",
+                               [](const R& r) {
+                                   return r.labels ? py::object(py::int_((*r.labels)[0]))
+                                                   : py::object(py::float_(r.min));
+                               })
+        .def_property_readonly("max",
+                               [](const R& r) {
+                                   return r.labels ? py::object(py::int_((*r.labels)[1]))
+                                                   : py::object(py::float_(r.max));
+                               })
         .def_readonly("alias", &R::alias, "the same bytes as another field of the level");
     module.def(
         "stored_arrays",

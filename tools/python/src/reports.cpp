@@ -16,6 +16,10 @@
 namespace isonest::python {
 namespace {
 
+py::object value_of(const PreprocessReport& r, std::size_t which, double value) {
+    return r.labels ? py::object(py::int_(r.labels->at(which))) : py::object(py::float_(value));
+}
+
 void add_preprocess_report(py::module_& module) {
     using R = PreprocessReport;
     py::class_<R>(module, "PreprocessReport", "What isonest.preprocess has done.")
@@ -25,8 +29,12 @@ void add_preprocess_report(py::module_& module) {
         .def_readonly("input_bytes", &R::input_bytes)
         .def_readonly("store_bytes", &R::store_bytes)
         .def_readonly("chunks", &R::chunks)
-        .def_readonly("min", &R::min_value, "the smallest finite value")
-        .def_readonly("max", &R::max_value, "the largest finite value")
+        .def_property_readonly(
+            "min", [](const R& r) { return value_of(r, 0, r.min_value); },
+            "the smallest finite value; of 64-bit labels an int")
+        .def_property_readonly(
+            "max", [](const R& r) { return value_of(r, 1, r.max_value); },
+            "the largest finite value; of 64-bit labels an int")
         .def_readonly("has_missing", &R::has_missing, "values that are not finite were found")
         .def_readonly("resumed_chunks", &R::resumed_chunks, "taken over from an interrupted run")
         .def_readonly("input_on_disk", &R::input_on_disk,

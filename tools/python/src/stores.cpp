@@ -5,6 +5,7 @@
 #include <pybind11/stl/filesystem.h>
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <optional>
@@ -15,6 +16,8 @@
 #include <isonest/labels.h>
 
 #include "query/statistics/histogram.h"
+#include "query/view/label_view.h"
+#include "store/base/label_bits.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
 #include "store/container/reader.h"
@@ -84,6 +87,31 @@ void copy_part(const ArrayInfo& array, const Int3& chunk, const std::byte* data,
     }
 }
 
+bool are_labels(const Store& store) {
+    return store.reader().layout().header().labels;
+}
+
+/// As numpy has the values; labels of 64 bits are int64.
+py::dtype dtype_of_values(const Store& store) {
+    return are_labels(store) ? py::dtype("int64") : dtype_of(store.type());
+}
+
+/// A value that a reader has as Python has it: a float, or the label, an int.
+py::object value_of(const Store& store, double value) {
+    const auto label = detail::wide_label(store.reader().layout().header(), value);
+    return label ? py::object(py::int_(*label)) : py::object(py::float_(value));
+}
+
+/// In place, of float64 that stand for labels.
+void to_labels(std::byte* data, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) {
+        double value = 0;
+        std::memcpy(&value, data + i * sizeof(value), sizeof(value));
+        const auto label = static_cast<std::int64_t>(detail::label_of_value(value));
+        std::memcpy(data + i * sizeof(label), &label, sizeof(label));
+    }
+}
+
 /// Each chunk is decoded once, in memory of its own beside the array.
 py::array values(const OpenStore& handle, int level, const Numbers& lo_, const Numbers& hi_,
                  std::uint64_t memory, int threads, const py::object& report) {
@@ -96,7 +124,7 @@ py::array values(const OpenStore& handle, int level, const Numbers& lo_, const N
             throw py::index_error("the box does not lie in the level");
         }
     }
-    py::array result(dtype_of(store->type()), std::vector<py::ssize_t>{size.z, size.y, size.x});
+    py::array result(dtype_of_values(*store), std::vector<py::ssize_t>{size.z, size.y, size.x});
     if (size.product() == 0) {
         return result;
     }
@@ -119,6 +147,9 @@ py::array values(const OpenStore& handle, int level, const Numbers& lo_, const N
                 const Int3 chunk = first + chunks.unlinear(i);
                 std::vector<std::byte> data(array.chunk_bytes());
                 reader.decode(array, chunk, data);
+                if (are_labels(*store)) {
+                    to_labels(data.data(), data.size() / sizeof(double));
+                }
                 copy_part(array, chunk, data.data(), lo, size, out);
                 progress.advance(1);
             });
@@ -186,6 +217,24 @@ py::array copied(const std::vector<T>& numbers) {
     return as_array(std::vector<T>(numbers));
 }
 
+/// REQUIRES: the bins are of labels.
+std::int64_t label_at(const detail::Histogram& h, double value) {
+    return *h.first_label + static_cast<std::int64_t>(std::round(value));
+}
+
+/// Where the bins begin; of labels int64.
+py::array lows(const detail::Histogram& h) {
+    if (!h.first_label) {
+        return copied(h.bins.low);
+    }
+    std::vector<std::int64_t> labels;
+    labels.reserve(h.bins.low.size());
+    for (const double low : h.bins.low) {
+        labels.push_back(label_at(h, low));
+    }
+    return copied(labels);
+}
+
 void add_histogram(py::module_& module) {
     using detail::Histogram;
     py::class_<Histogram>(module, "Histogram")
@@ -193,8 +242,13 @@ void add_histogram(py::module_& module) {
         .def_readonly("looked", &Histogram::looked)
         .def_readonly("missing", &Histogram::missing)
         .def_readonly("cube_level", &Histogram::cube_level)
-        .def_property_readonly("low", [](const Histogram& h) { return copied(h.bins.low); })
-        .def_property_readonly("end", [](const Histogram& h) { return h.bins.end; })
+        .def_property_readonly("low", [](const Histogram& h) { return lows(h); })
+        .def_property_readonly("end",
+                               [](const Histogram& h) {
+                                   return h.first_label
+                                              ? py::object(py::int_(label_at(h, h.bins.end)))
+                                              : py::object(py::float_(h.bins.end));
+                               })
         .def_property_readonly("nodes", [](const Histogram& h) { return copied(h.nodes); })
         .def_property_readonly("cubes", [](const Histogram& h) { return copied(h.cubes); })
         .def_property_readonly("suggested", [](const Histogram& h) {
@@ -233,7 +287,7 @@ void add_stores(py::module_& module) {
         .def_property_readonly("shape",
                                [](const OpenStore& s) { return shape_of(s.get()->nodes()); })
         .def_property_readonly("dtype",
-                               [](const OpenStore& s) { return dtype_of(s.get()->type()); })
+                               [](const OpenStore& s) { return dtype_of_values(*s.get()); })
         .def_property_readonly("spacing", [](const OpenStore& s) { return s.get()->spacing(); })
         .def_property_readonly("origin", [](const OpenStore& s) { return s.get()->origin(); })
         .def_property_readonly("frame",
@@ -259,8 +313,12 @@ void add_stores(py::module_& module) {
         .def_property_readonly("levels", [](const OpenStore& s) { return s.get()->levels(); })
         .def_property_readonly("indicators",
                                [](const OpenStore& s) { return names_of(s.get()->fields()); })
-        .def_property_readonly("min", [](const OpenStore& s) { return s.get()->min_value(); })
-        .def_property_readonly("max", [](const OpenStore& s) { return s.get()->max_value(); })
+        .def_property_readonly(
+            "min",
+            [](const OpenStore& s) { return value_of(*s.get(), s.get()->reader().min_value()); })
+        .def_property_readonly(
+            "max",
+            [](const OpenStore& s) { return value_of(*s.get(), s.get()->reader().max_value()); })
         .def_property_readonly("has_missing",
                                [](const OpenStore& s) { return s.get()->has_missing(); })
         .def_property_readonly(

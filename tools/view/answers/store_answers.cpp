@@ -7,11 +7,13 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <string>
 
 #include <isonest/error.h>
 #include <isonest/version.h>
 
 #include "query/labels/label_of_value.h"
+#include "query/view/label_view.h"
 #include "store/container/reader.h"
 #include "tools/cli/terminal/histogram_json.h"
 #include "tools/view/answers/answers.h"
@@ -33,6 +35,12 @@ Json label_json(const Store& store, std::int64_t id) {
 
 Json number(double value) {
     return std::isfinite(value) ? Json(value) : Json();
+}
+
+/// Of a value of the store; labels as such.
+Json value_json(const StoreReader& store, double value) {
+    const auto label = wide_label(store.layout().header(), value);
+    return label ? Json(*label) : number(value);
 }
 
 Json array_of(const Int3& v) {
@@ -139,6 +147,7 @@ HttpAnswer StoreAnswers::value(const Double3& place) const {
                             : std::nullopt;
         json["value"] = nullptr;
         json["node_value"] = id ? Json(*id) : Json();
+        json["label"] = id ? Json(std::to_string(*id)) : Json();
         json["name"] = id ? label_json(store_, *id)["name"] : Json();
     }
     return json_answer(json);
@@ -159,7 +168,7 @@ HttpAnswer StoreAnswers::describe() const {
     Json json = {
         {"name", store_.path().filename().string()},
         {"nodes", array_of(nodes)},
-        {"type", name_of(store_.type())},
+        {"type", type_of_values(store_.reader().layout().header())},
         {"spacing", store_.spacing()},
         {"origin", store_.origin()},
         {"direction", store_.direction()},
@@ -167,8 +176,8 @@ HttpAnswer StoreAnswers::describe() const {
         {"frame",
          store_.frame() == AnatomicalFrame::unknown ? Json() : Json(name_of(store_.frame()))},
         {"box", world_box(store_)},
-        {"min_value", any ? number(store_.min_value()) : Json()},
-        {"max_value", any ? number(store_.max_value()) : Json()},
+        {"min_value", any ? value_json(store_.reader(), store_.reader().min_value()) : Json()},
+        {"max_value", any ? value_json(store_.reader(), store_.reader().max_value()) : Json()},
         {"integer", integer},
         {"has_missing", store_.has_missing()},
         {"levels", store_.levels()},

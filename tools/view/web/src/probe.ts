@@ -106,7 +106,7 @@ export class Probe {
 
   private words(info: ValueInfo): string {
     if (!info.inside) return "outside of the volume";
-    if (this.store.labels) return info.node_value === null ? "no label" : `label ${info.node_value}${info.name ? ` (${info.name})` : ""}`;
+    if (this.store.labels) return info.label == null ? "no label" : `label ${info.label}${info.name ? ` (${info.name})` : ""}`;
     return info.value === null ? "no value" : `value ${short(info.value)}`;
   }
 

@@ -74,6 +74,8 @@ export interface ValueInfo {
   readonly inside: boolean;
   readonly value: number | null;
   readonly node_value: number | null;
+  /** Of labels: its number as text, because numbers here are exact up to 2^53 only. */
+  readonly label?: string | null;
   /** Of labels: what that one is called. */
   readonly name?: string | null;
 }

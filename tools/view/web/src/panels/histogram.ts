@@ -45,7 +45,10 @@ export class HistogramPanel {
     }
     this.range.addEventListener("input", () => views.set({ iso: this.range.valueAsNumber }));
     this.number.addEventListener("change", () => {
-      if (Number.isFinite(this.number.valueAsNumber)) views.set({ iso: this.number.valueAsNumber });
+      if (store.labels && Math.abs(this.number.valueAsNumber) > Number.MAX_SAFE_INTEGER) {
+        this.number.valueAsNumber = views.state.iso;
+        this.note.textContent = "Labels beyond 2^53 cannot be chosen on this page. isonest extract --label takes them.";
+      } else if (Number.isFinite(this.number.valueAsNumber)) views.set({ iso: this.number.valueAsNumber });
       else this.number.valueAsNumber = views.state.iso;
     });
     this.plot.addEventListener("pointerdown", (event) => this.choose(event));
@@ -56,7 +59,7 @@ export class HistogramPanel {
       if (!changed.has("iso")) return;
       this.range.valueAsNumber = state.iso;
       this.range.setAttribute("aria-valuetext", short(state.iso));
-      if (document.activeElement !== this.number || this.number.valueAsNumber !== state.iso) this.number.valueAsNumber = Number(state.iso.toPrecision(9));
+      if (document.activeElement !== this.number || this.number.valueAsNumber !== state.iso) this.number.valueAsNumber = store.labels ? state.iso : Number(state.iso.toPrecision(9));
       setAttributes(this.cursor, { x1: this.place(state.iso), x2: this.place(state.iso) });
     });
   }
