@@ -14,6 +14,7 @@
 #include "query/extract/stages/error_stage.h"
 #include "query/mesh/coordinate_rounding.h"
 #include "query/slabs/slab_plan.h"
+#include "query/view/label_view.h"
 #include "store/base/hypot3.h"
 #include "store/container/extent.h"
 
