@@ -558,10 +558,10 @@ class NrrdInput(Input):
     def test_axes_that_are_no_places_are_named(self):
         colour = ("kinds: RGB-color domain domain", "kinds: domain space 3-vector",
                   "kinds: domain list domain", "kinds: ??? none covariant-vector")
-        for lines, axis in zip(colour, ("axis 0", "axis 2", "axis 1", "axis 2")):
+        for lines, count, axis in zip(colour, (9, 6, 7, 6), ("c", "c", "list", "c")):
             for sizes in ((9, 7, 6), (9, 7, 6, 1)):
                 self.write(lines + (" stub" if len(sizes) > 3 else ""), sizes=sizes)
-                self.refuses(5, axis, "kind")
+                self.refuses(5, f"{count} volumes along axis '{axis}'", "--index")
         for lines in ("kinds: space DOMAIN time", "kinds: ??? none domain"):
             self.write(lines)
             self.reads(self.data)
