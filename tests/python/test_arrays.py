@@ -192,7 +192,15 @@ def test_an_index_by_number_and_by_name(store_path, tmp_path):
     np.save(tmp_path / "a.npy", volume)
     with pytest.raises(isonest.Error, match="index="):
         isonest.preprocess(tmp_path / "a.npy", store_path)
+    with pytest.raises(isonest.Error, match=r"index=\{'0': 0\}"):
+        isonest.preprocess(tmp_path / "a.npy", store_path)
     same_bits(through(tmp_path / "a.npy", store_path, index=(2, None, None, None)), volume[2])
+    same_bits(through(tmp_path / "a.npy", tmp_path / "b", index={0: 1}), volume[1])
+    same_bits(through(tmp_path / "a.npy", tmp_path / "c", index={"-4": np.int64(-1), 1: slice(None)}), volume[2])
+    same_bits(through(tmp_path / "a.npy", tmp_path / "d", index={1: 3, "0": None}), volume[:, 3])
+    for wrong in (0, 1, "t", {0: 1.5}, (1.5, None, None, None)):
+        with pytest.raises((ValueError, TypeError)):
+            isonest.preprocess(tmp_path / "a.npy", tmp_path / "e", index=wrong)
     zarr = pytest.importorskip("zarr")
     zarr.save_array(str(tmp_path / "a.zarr"), volume)
     same_bits(through(str(tmp_path / "a.zarr"), tmp_path / "z", index=(1, None, None, None)), volume[1])

@@ -3,6 +3,7 @@
 
 usage: axis_choice_test.py ISONEST PLUGIN_FOLDER
 """
+import json
 import pathlib
 import sys
 import unittest
@@ -16,8 +17,8 @@ try:
     import numpy as np
     import tifffile
     import vtk
-    import zarr
     from vtk.util import numpy_support
+    from zarr_two import zarr
     from volume_inputs import Input, numbers
 except ImportError as error:
     print(f"skipped: {error}")
@@ -57,11 +58,11 @@ class Axes(Input):
         zarr.save_array(str(path), data)
         yield None, path, (1, 1, 1), 1
         path = self.here / "ome.zarr"
-        group = zarr.open_group(str(path), "w")
-        group.create_dataset("0", data=data)
-        group.attrs["multiscales"] = [{"version": "0.4", "datasets": [{"path": "0", "coordinateTransformations": [
-            {"type": "scale", "scale": [4, 3, 2, 0.5]}]}], "axes": [{"name": "t", "type": "time"}] + [
-                {"name": name, "type": "space"} for name in "zyx"]}]
+        zarr.save_array(str(path / "0"), data)
+        (path / ".zgroup").write_text('{"zarr_format": 2}')
+        (path / ".zattrs").write_text(json.dumps({"multiscales": [{
+            "version": "0.4", "axes": [{"name": "t", "type": "time"}] + [{"name": name, "type": "space"} for name in "zyx"],
+            "datasets": [{"path": "0", "coordinateTransformations": [{"type": "scale", "scale": [4, 3, 2, 0.5]}]}]}]}))
         yield "t", path, (0.5, 2, 3), 4
         path = self.here / "t.mrc"
         with mrcfile.new(path, overwrite=True) as file:

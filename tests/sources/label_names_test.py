@@ -362,7 +362,7 @@ class LabelNames(unittest.TestCase):
         np.save(volume, LABELS.astype("u8") + np.uint64(2**61))
         wide = {2**61 + 7 * i: (f"{i:>05} " .strip() + "n" * (i % 250), (i % 256, i // 256, 9)) for i in range(2**16)}
         table = self.write("".join(f"{i} {name} {r} {g} {b} 255\n" for i, (name, (r, g, b)) in wide.items()))
-        names, notes = self.preprocess(volume, "--label-names", table)
+        names, notes = self.preprocess(volume, "--label-names", table, "--spacing", "1,1,1")
         self.assertEqual((names, notes), (wide, []))
         self.out.unlink()
         error = run("preprocess", volume, "-o", self.out, "--labels", "--label-names", table, "--memory", "40M", code=7)["error"]

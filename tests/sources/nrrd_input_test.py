@@ -93,6 +93,12 @@ class Nrrd(Input):
                             self.assertIn(self.preprocess().returncode, (2, 4))
                         (self.here / names[-1]).unlink()
                         self.refuses(3, names[-1].split("/")[-1])
+        for i, plane in enumerate(data):
+            (self.here / f"y{i}").write_bytes(gzip.compress(b"abc" + plane.tobytes()))
+        self.write("byte skip: 3", "data file: y%d 0 5 1", data=data, encoding="gzip", body=b"")
+        self.reads(data)
+        self.write("byte skip: -1", "data file: y%d 0 5 1", data=data, encoding="gzip", body=b"")
+        self.refuses(5, "byte skip: -1")
         for lines in (["LIST 4", "a"], ["LIST 0", "a"], ["LIST"], ["LIST 2 2", "a"], ["v%d 1 5 1"], ["v%d 1 6 0"], ["v%d 6 1 1"],
                       ["v%d 1 99999999999 1"], ["v%d 1 4 1 3"], ["LIST 3", "a", "b", "c", "d"]):
             with self.subTest(lines=lines):
@@ -129,6 +135,21 @@ class Nrrd(Input):
         self.refuses(5, "byte skip: -1")
         self.write(data=self.data, kind=NAMES["u8"], encoding="zrl", body=streams)
         self.refuses(5, "unu save", "-e gzip")
+
+    def test_a_spacing_that_nothing_says_is_named(self):
+        for lines, axes in (((), ""), (("spacings: 1 1 1",), None), (("spacings: 2 nan 3",), " along y"), (("spacings: nan 2 nan",), " along x and z"),
+                            (("axis mins: 1 2 3", "axis maxs: 3 nan 9"), " along y"), (("axis mins: 1 nan 3",), ""),
+                            (("space: LPS", "space directions: (1,0,0) none (0,0,1)"), " along y"),
+                            (("space: LPS", "space directions: (0,1,0) (1,0,0) (0,0,1)"), None)):
+            with self.subTest(lines=lines):
+                self.write(*lines)
+                done = self.preprocess()
+                text = done.stdout + done.stderr
+                self.assertEqual(done.returncode, 0, text)
+                self.assertEqual(f"the file does not say the spacing{axes}: it was taken as 1" in text, axes is not None)
+                self.assertEqual("does not say the spacing" in text, axes is not None)
+                done = self.preprocess("--spacing", "1,1,1")
+                self.assertNotIn("does not say the spacing", done.stdout + done.stderr)
 
     def test_axes_of_time_and_components(self):
         data = numbers((2, 7, 8, 9), "f4")

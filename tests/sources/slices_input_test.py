@@ -83,7 +83,8 @@ class Slices(DamagedFiles, Input):
                 files = self.stack([Image.fromarray(plane) for plane in data], ending)
                 for i, plane in enumerate(data):
                     np.testing.assert_array_equal(np.asarray(Image.open(self.path / f"s{i}.{ending}")), plane)
-                self.reads(data)
+                done = self.reads(data)
+                self.assertIn("the file does not say the spacing: it was taken as 1", done.stdout + done.stderr)
                 self.lies((0, 0, 0), (1, 1, 1))
                 done = served.run([ISONEST, "preprocess", *files, "-o", self.here / "s.isonest", "--chunk", "8", "--force"],
                                   capture_output=True, text=True)

@@ -314,6 +314,18 @@ class Tiff(DamagedFiles, Input):
         self.path = empty
         self.refuses(5, "no volume in this folder", "TIFF")
 
+    def test_a_spacing_that_nothing_says_is_named(self):
+        data = numbers((5, 7, 9), "u2")
+        for options, words in (({}, "spacing: it was"), ({"resolution": (72, 72)}, "spacing: it was"),
+                               ({"imagej": True, "resolution": (2, 4), "metadata": {"axes": "ZYX", "spacing": 2, "unit": "um"}}, None),
+                               ({"metadata": {"axes": "ZYX", "PhysicalSizeX": 1, "PhysicalSizeY": 1}, "ome": True}, "spacing along z: it was")):
+            with self.subTest(options=options):
+                tifffile.imwrite(self.path, data, photometric="minisblack", **options)
+                done = self.reads(data)
+                text = done.stdout + done.stderr
+                self.assertEqual("does not say the spacing" in text, words is not None)
+                self.assertIn(words or "", text)
+
     def test_masks_of_one_bit(self):
         for width in (2, 8, 9, 33):
             data = RANDOM.random((3, 12, width)) < 0.4

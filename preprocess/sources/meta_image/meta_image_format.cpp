@@ -18,6 +18,7 @@
 #include "preprocess/sources/numbers/pieces.h"
 #include "preprocess/sources/numbers/raw_layout.h"
 #include "preprocess/sources/placement/placed_array.h"
+#include "preprocess/sources/placement/unsaid_spacing.h"
 #include "preprocess/sources/wrapping/noted_source.h"
 
 namespace isonest::detail {
@@ -319,6 +320,14 @@ std::unique_ptr<VolumeSource> open_pieces(const Header& header, const InputFile&
     return open_placed(array, index, std::move(bytes));
 }
 
+std::unique_ptr<VolumeSource> noted(std::unique_ptr<VolumeSource> source, const Header& header,
+                                    const SourceOptions& options) {
+    source = with_notes(std::move(source), notes_of(header));
+    return header.text({"ElementSpacing", "ElementSize"}).empty()
+               ? without_spacing(std::move(source), options)
+               : std::move(source);
+}
+
 std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
                                               const SourceOptions& options) {
     const Header header(first_bytes(input.file, kMostHeader), input.name());
@@ -347,8 +356,8 @@ std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
     }
     const std::vector<std::string> pieces = pieces_of(header, input.file);
     if (!pieces.empty()) {
-        return with_notes(open_pieces(header, input.file, pieces, array, options.index),
-                          notes_of(header));
+        return noted(open_pieces(header, input.file, pieces, array, options.index), header,
+                     options);
     }
     if (file == "LOCAL" || file == "Local" || file == "local") {
         layout.start = header.bytes();
@@ -365,7 +374,7 @@ std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
         regular_file_size(array.file);
         layout.packing = is_gzip(array.file, layout.start) ? Packing::gzip : Packing::zlib;
     }
-    return with_notes(open_placed(array, options.index), notes_of(header));
+    return noted(open_placed(array, options.index), header, options);
 }
 
 }  // namespace

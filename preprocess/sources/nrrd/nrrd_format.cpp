@@ -19,6 +19,7 @@
 #include "preprocess/sources/numbers/raw_rows.h"
 #include "preprocess/sources/numbers/raw_source.h"
 #include "preprocess/sources/placement/placement.h"
+#include "preprocess/sources/placement/unsaid_spacing.h"
 #include "preprocess/sources/wrapping/converted_source.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
 #include "preprocess/sources/wrapping/named_labels_source.h"
@@ -155,6 +156,11 @@ std::unique_ptr<VolumeSource> open_nrrd(const VolumeInput& input, const SourceOp
         source = with_label_names(with_notes(std::move(source), header.labels.notes()),
                                   header.labels.names());
     }
+    std::array<bool, 3> said = header.said;
+    for (std::size_t a = 0; a < 3; ++a) {
+        said.at(a) = said.at(a) || header.no_space.at(a);
+    }
+    source = with_notes(std::move(source), note_of_spacing(said, header.layout.nodes, options));
     return mirrored(with_notes(std::move(source), header.notes), header.backward);
 }
 

@@ -107,9 +107,9 @@ class Parser {
         for (std::size_t i = 0; i < sizes.size(); ++i) {
             const bool is_time = kinds[i] == "time";
             ArrayAxis axis{is_time              ? "t"
-                           : kinds[i] != "list" ? "c"
-                           : has_segments()     ? "layer"
-                                                : "list",
+                           : kinds[i] == "list" ? (has_segments() ? "layer" : "list")
+                           : sizes[i] > 1       ? "c"
+                                                : "",
                            sizes[i], sizes[i] == 1 || (is_time && long_ones < 3)};
             if (is_space(kinds[i])) {
                 axis.name = places < kNames.size() ? kNames.at(places) : "";
@@ -237,8 +237,13 @@ class Parser {
                             header.steps.at(a).begin());
             }
         }
+        std::array<bool, 3> assumed{};
         if (!directed) {
-            read_axis_ends(layout, axes, count, unit, steps);
+            assumed = read_axis_ends(layout, axes, count, unit, steps);
+        }
+        for (std::size_t a = 0; a < 3; ++a) {
+            header.said.at(a) = (!std::isnan(steps.at(a)) && !assumed.at(a)) ||
+                                header.steps.at(a) != Double3{0, 0, 0};
         }
         for (std::size_t a = 0; a < 3 && spacing_; ++a) {
             steps.at(a) = std::copysign((*spacing_).at(a), steps.at(a) < 0 ? -1.0 : 1.0);
@@ -398,8 +403,11 @@ class Parser {
 
     /// The first sample lies at an axis' minimum or, where samples are the middles of cells, half a
     /// step from it. An axis that does not say so is taken for one of cells, as ITK and VTK do.
-    void read_axis_ends(RawLayout& layout, const std::vector<std::size_t>& axes, std::size_t count,
-                        const CommonUnit& unit, Double3& steps) const {
+    /// Gives the axes of which the header has a minimum, but no step.
+    std::array<bool, 3> read_axis_ends(RawLayout& layout, const std::vector<std::size_t>& axes,
+                                       std::size_t count, const CommonUnit& unit,
+                                       Double3& steps) const {
+        std::array<bool, 3> assumed{};
         std::vector<double> mins = per_axis("axis mins", count);
         std::vector<double> maxs = per_axis("axis maxs", count);
         for (std::size_t a = 0; a < axes.size(); ++a) {
@@ -420,12 +428,14 @@ class Parser {
             if (std::isnan(steps.at(a)) && !maxs.empty() && cells > 0) {
                 steps.at(a) = (maxs[axis] - mins[axis]) / static_cast<double>(cells);
             }
-            steps.at(a) = std::isnan(steps.at(a)) ? 1 : steps.at(a);
+            assumed.at(a) = std::isnan(steps.at(a));
+            steps.at(a) = assumed.at(a) ? 1 : steps.at(a);
             if (spacing_) {
                 steps.at(a) = std::copysign((*spacing_).at(a), steps.at(a));
             }
             layout.origin[a] = mins[axis] + (nodes ? 0 : steps.at(a) / 2);
         }
+        return assumed;
     }
 
     [[nodiscard]] NrrdEncoding encoding_of(const std::string& word) const {

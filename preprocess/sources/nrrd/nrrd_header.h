@@ -36,6 +36,8 @@ struct NrrdHeader {
     FoundLabels labels = {};              ///< what 3D Slicer says of its segments
     /// Of an oblique volume: the world's step along each axis; zero where the header says none.
     std::array<Double3, 3> steps{};
+    /// Along which of x, y and z the header says a spacing.
+    std::array<bool, 3> said{};
     /// Axes of the volume that are no directions in space.
     std::array<bool, 3> no_space{};
 };

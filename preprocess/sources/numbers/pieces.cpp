@@ -80,6 +80,10 @@ std::vector<InputFile> pieces_beside(const InputFile& header,
 std::unique_ptr<ByteReader> bytes_of_pieces(const std::vector<InputFile>& files,
                                             const RawLayout& layout, std::uint64_t piece) {
     const bool packed = layout.packing == Packing::gzip || layout.packing == Packing::zlib;
+    if (packed && layout.offset_from_end) {
+        throw Error(ErrorKind::unsupported, {files.front().name()},
+                    "data that are the end of the file (byte skip: -1) do not go with compression");
+    }
     for (const InputFile& file : files) {
         if (packed) {
             regular_file_size(file);

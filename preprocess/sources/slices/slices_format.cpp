@@ -12,6 +12,7 @@
 
 #include "preprocess/sources/bytes/file_identity.h"
 #include "preprocess/sources/bytes/natural_order.h"
+#include "preprocess/sources/placement/unsaid_spacing.h"
 #include "preprocess/sources/slices/slice_picture.h"
 #include "preprocess/sources/wrapping/noted_source.h"
 
@@ -154,9 +155,9 @@ std::unique_ptr<VolumeSource> open_slices(const PictureFormat& format, const Vol
     if (has_colours) {
         notes.emplace_back("its colours are read as grey: red, green and blue must be equal");
     }
-    return with_notes(std::make_unique<SliceSource>(format, std::move(files), std::move(pictures),
-                                                    full_range, name),
-                      std::move(notes));
+    auto source = std::make_unique<SliceSource>(format, std::move(files), std::move(pictures),
+                                                full_range, name);
+    return without_spacing(with_notes(std::move(source), std::move(notes)), options);
 }
 
 bool is_in_folder(const VolumeInput& input, std::string_view ending) {

@@ -200,7 +200,8 @@ std::optional<TiffAxes> axes_of_ome(const std::string& description, const TiffSe
     bool any = false;
     for (std::size_t a = 0; a < 3; ++a) {
         const auto size = leading_number<double>(pixels.attribute(size_key(a)), 0);
-        if (size > 0 && std::isfinite(size)) {
+        axes.said.at(a) = size > 0 && std::isfinite(size);
+        if (axes.said.at(a)) {
             spacing.at(a) = size;
             any = true;
         }

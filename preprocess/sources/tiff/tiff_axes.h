@@ -1,6 +1,7 @@
 // What the description in a TIFF's first page says of all pages.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -17,6 +18,8 @@ struct TiffAxes {
     std::vector<ArrayAxis> pages;
     /// World units; none where nothing says so. x and y are 0 where the resolution tags say it.
     std::optional<Double3> spacing;
+    /// Where there is a spacing: along which of x, y and z it is said.
+    std::array<bool, 3> said{true, true, true};
     CommonUnit unit = {};  ///< of the spacing as the file has it, along x, y and z
     /// The page of each position of `pages`, slowest first; empty where that is its number.
     std::vector<std::int64_t> order = {};

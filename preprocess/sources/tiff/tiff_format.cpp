@@ -16,6 +16,7 @@
 
 #include "preprocess/sources/bytes/file_identity.h"
 #include "preprocess/sources/numbers/raw_source.h"
+#include "preprocess/sources/placement/unsaid_spacing.h"
 #include "preprocess/sources/tiff/tiff_axes.h"
 #include "preprocess/sources/tiff/tiff_pages.h"
 #include "preprocess/sources/wrapping/noted_source.h"
@@ -209,13 +210,17 @@ std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOp
     PagePlace place = place_of(axes.pages, pages->page(), options, name);
     place.order = std::move(axes.order);
     Double3 spacing{1, 1, 1};
+    std::array<bool, 3> said{};
     if (axes.spacing) {
         const std::array<double, 2> resolution{pages->x_resolution(), pages->y_resolution()};
         for (std::size_t a = 0; a < (place.is_stack ? 3 : 2); ++a) {
+            said.at(a) = axes.said.at(a);
             if (axes.spacing->at(a) > 0) {
                 spacing.at(a) = axes.spacing->at(a);
             } else if (resolution.at(a) > 0 && std::isfinite(resolution.at(a))) {
                 spacing.at(a) = 1 / resolution.at(a);
+            } else {
+                said.at(a) = false;
             }
             spacing.at(a) = axes.unit.converted(a, spacing.at(a));
         }
@@ -223,6 +228,10 @@ std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOp
     std::vector<std::string> notes = pages->notes();
     notes.insert(notes.end(), place.notes.begin(), place.notes.end());
     notes.insert(notes.end(), axes.unit.notes.begin(), axes.unit.notes.end());
+    // Of a z that is no direction in space, a note says it already.
+    said.at(2) = said.at(2) || !place.is_stack;
+    const std::vector<std::string> unsaid = note_of_spacing(said, place.nodes, options);
+    notes.insert(notes.end(), unsaid.begin(), unsaid.end());
     const std::optional<StoredNumber> stored = pages->page().stored;
     std::unique_ptr<VolumeSource> source;
     if (contiguous) {

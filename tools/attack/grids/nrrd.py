@@ -53,7 +53,7 @@ class File:
         self.fields = ["sizes: " + self.list(self.sizes), "type: " + self.word(one.pick(*TYPES[kind]))]
         if self.kinds:
             self.fields.append("kinds: " + self.list([self.word(kind) for kind in self.kinds]))
-        (self._directions if self.version >= 4 and one.chance(0.6) else self._spacings)()
+        (self._directions if self.version >= 4 and self.wide and one.chance(0.6) else self._spacings)()
         self._more()
 
     def _axes(self):
