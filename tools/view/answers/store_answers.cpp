@@ -142,13 +142,17 @@ HttpAnswer StoreAnswers::value(const Double3& place) const {
                  {"value", value(found.value)},
                  {"node_value", value(found.node_value)}};
     if (are_labels()) {
-        const auto id = found.node_value
-                            ? label_of(*found.node_value, store_.reader().layout().header().labels)
-                            : std::nullopt;
-        json["value"] = nullptr;
-        json["node_value"] = id ? Json(*id) : Json();
-        json["label"] = id ? Json(std::to_string(*id)) : Json();
-        json["name"] = id ? label_json(store_, *id)["name"] : Json();
+        for (const char* const name : {"value", "node_value", "label", "name"}) {
+            json[name] = nullptr;
+        }
+        if (found.node_value) {
+            const bool coded = store_.reader().layout().header().labels;
+            if (const auto id = label_of(*found.node_value, coded)) {
+                json["node_value"] = *id;
+                json["label"] = std::to_string(*id);
+                json["name"] = label_json(store_, *id)["name"];
+            }
+        }
     }
     return json_answer(json);
 }
