@@ -312,7 +312,7 @@ class Tiff(DamagedFiles, Input):
         empty = self.here / "empty"
         empty.mkdir()
         self.path = empty
-        self.refuses(5, "no volume in this folder", "TIFF")
+        self.refuses(5, "the folder is empty")
 
     def test_a_spacing_that_nothing_says_is_named(self):
         data = numbers((5, 7, 9), "u2")
