@@ -30,6 +30,8 @@ def letters(text):
 
 
 class Dialect(Input):
+    frame = None
+
     def setUp(self):
         super().setUp()
         self.path = self.here / "v"
@@ -56,11 +58,11 @@ class Dialect(Input):
         np.testing.assert_allclose(at, index, atol=1e-5)
         self.assertEqual(len(np.unique(index, axis=0)), values.size)
         np.testing.assert_allclose(found.ravel(), values[tuple(index.T)], rtol=1e-5, atol=1e-5)
-        self.assertEqual(self.about.get("unit"), unit)
+        self.assertEqual((self.about["unit"], self.about["frame"]), (unit, self.frame))
 
 
 class Minc(Dialect):
-    names, shape = ("zspace", "yspace", "xspace"), (4, 5, 6)
+    names, shape, frame = ("zspace", "yspace", "xspace"), (4, 5, 6), "RAS"
     # Steps that run backward, and directions beside the world's axes.
     dims = {"zspace": {"start": -10.0, "step": 2.0, "direction_cosines": [0.0, 0, 1]},
             "yspace": {"start": -21.0, "step": 3.0, "direction_cosines": [-0.6, 0.8, 0]},
@@ -204,6 +206,8 @@ class Minc(Dialect):
 
 
 class Itk(Dialect):
+    frame = "LPS"
+
     def write(self, values, direction, spacing, origin):
         n = len(spacing)
         with h5py.File(self.path, "w") as file:
