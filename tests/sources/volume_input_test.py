@@ -350,7 +350,13 @@ class Hdf5Input(Input):
         data = RANDOM.integers(0, 99, (6, 5, 7)).astype(np.uint8)
         with h5py.File(self.path, "w") as file:
             file.create_dataset("v", data=data, chunks=(6, 5, 7), compression="lzf")
-        self.refuses(5, "filter 32000 (lzf)", "h5repack")
+        # A filter that nobody has: its number stands 8 bytes before its name.
+        stored = bytearray(self.path.read_bytes())
+        at = stored.index(b"lzf\0")
+        self.assertEqual(stored[at - 8:at - 6], (32000).to_bytes(2, "little"))
+        stored[at - 8:at - 6] = (32999).to_bytes(2, "little")
+        self.path.write_bytes(stored)
+        self.refuses(5, "filter 32999 (lzf)", "plugin")
         with h5py.File(self.path, "w", libver="latest") as file:
             file["v"] = data
             file.swmr_mode = True
