@@ -1,6 +1,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <initializer_list>
 #include <memory>
 #include <utility>
@@ -15,12 +17,14 @@
 #include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/known/known_formats.h"
 #include "preprocess/sources/label_names/label_file.h"
+#include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/volume_format.h"
 #include "preprocess/sources/wrapping/converted_source.h"
 #include "preprocess/sources/wrapping/cropped_source.h"
 #include "preprocess/sources/wrapping/described_source.h"
 #include "preprocess/sources/wrapping/missing_source.h"
 #include "preprocess/sources/wrapping/named_labels_source.h"
+#include "store/base/label_bits.h"
 #include "store/remote/open_location.h"
 
 namespace isonest {
@@ -48,6 +52,15 @@ class Placed : public DescribedSource {
         }
         result.frame = frame_.value_or(result.frame);
         return result;
+    }
+    [[nodiscard]] std::vector<std::string> notes() const override {
+        std::vector<std::string> notes = inner_source().notes();
+        std::string lost =
+            spacing_ ? lost_by_own_spacing(inner_source().describe().direction) : std::string();
+        if (!lost.empty()) {
+            notes.push_back(std::move(lost));
+        }
+        return notes;
     }
 
   private:
@@ -335,7 +348,18 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
     }
     source = cropped(std::move(source), options.crop, options.every);
     if (options.missing) {
-        source = with_missing(std::move(source), *options.missing);
+        double missing = *options.missing;
+        if (source->describe().labels) {
+            constexpr double kMost = 9007199254740992.0;  // 2^53
+            if (!(missing >= 0 && missing <= kMost) || missing != std::floor(missing)) {
+                throw Error(ErrorKind::invalid_argument, {source->describe().name},
+                            fmt::format("{} is no label that can be missing: they are whole "
+                                        "numbers from 0 to 2^53",
+                                        missing));
+            }
+            missing = value_of_label(static_cast<std::uint64_t>(missing));
+        }
+        source = with_missing(std::move(source), missing);
     }
     return source;
 }

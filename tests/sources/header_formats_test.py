@@ -141,11 +141,32 @@ class Nifti(DamagedFiles, Input):
         self.reads(data.T)
         self.lies([1, 2, 3], [1, 1, 1])
         self.reads(data.T, "--spacing", "1,1,1")
-        self.lies([0, 0, 0], [1, 1, 1])
+        self.lies([1, 2, 3], [1, 1, 1])
 
     def test_a_sheared_volume_is_refused(self):
         self.save(numbers((7, 6, 5)), np.array([[1, 0.5, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1.0]]))
-        self.refuses(5, "sheared")
+        self.refuses(5, "sheared", "x and y meet at 63.43 degrees", "1,1.11803,1", "the shear is lost", "--spacing")
+
+    def test_what_a_spacing_of_ones_own_loses_is_noted(self):
+        """For every affine: the values stay where they are in the file, and a note says what their place loses."""
+        data = numbers((7, 6, 5))
+        c, s = np.cos(np.radians(18.5)), np.sin(np.radians(18.5))
+        turned = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+        for affine, words in ((np.eye(3), ()), (np.diag([2, 3, 4]), ()), (turned, ("a rotation by 18.5 degrees",)),
+                              (turned @ np.diag([2, 3, 4]), ("a rotation by 18.5 degrees",)),
+                              (np.diag([-1, -1, 1]), ("x, y", "backward")), (np.diag([1, 1, -2]), ("z", "backward")),
+                              (np.array([[1, 0.5, 0], [0, 1, 0], [0, 0, 1]]), ("a shear (x and y meet at 63.43 degrees)",)),
+                              (turned @ np.diag([-1, 1, 1]), ("mirror image", "a rotation by"))):
+            with self.subTest(affine=affine.tolist()):
+                whole = np.eye(4)
+                whole[:3, :3], whole[:3, 3] = affine, (4, 5, 6)
+                self.save(data, whole)
+                done = self.reads(data.T, "--spacing", "3,4,5")
+                self.lies((4, 5, 6), (3, 4, 5))
+                notes = [line for line in done.stdout.splitlines() if "which are lost" in line]
+                self.assertEqual(len(notes), 1 if words else 0, done.stdout)
+                for word in words:
+                    self.assertIn(word, notes[0])
 
     def test_damaged_files(self):
         self.save(numbers((7, 6, 5)), np.diag([1, 2, 3, 1]))

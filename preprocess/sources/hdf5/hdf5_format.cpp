@@ -504,9 +504,10 @@ class Hdf5Source : public VolumeSource {
             if (H5Zfilter_avail(filter) <= 0) {
                 throw Error(
                     ErrorKind::unsupported, {name_},
-                    fmt::format("its chunks went through HDF5 filter {} ({}), which is not here; "
-                                "store it with another one (h5repack -f GZIP=1), or let "
-                                "HDF5_PLUGIN_PATH name the folder of that filter's plugin",
+                    fmt::format("its chunks went through HDF5 filter {} ({}), whose plugin is not "
+                                "here: install that plugin, and set HDF5_PLUGIN_PATH to its folder "
+                                "if HDF5 does not find it. Where it is installed already, h5repack "
+                                "-f GZIP=1 IN OUT stores the file without that filter",
                                 filter, name[0] == 0 ? "without a name" : name.data()));
             }
         }

@@ -92,10 +92,14 @@ Hdf5Place hdf5_place(const NamedDataset& of, const DatasetShape& shape,
     read_element_size(of.dataset, shape, place);
     constexpr std::size_t kMostAxesOfImage = 4;
     if (shape.axes == std::vector<std::size_t>{0, 1, 2} && shape.dims.size() <= kMostAxesOfImage) {
+        std::string lost;
         if (const auto image =
-                vtkhdf_place(of.file, of.path, nodes, options.spacing.has_value(), of.name)) {
+                vtkhdf_place(of.file, of.path, nodes, options.spacing.has_value(), of.name, lost)) {
             place.in_world = *image;
             place.said = {true, true, true};
+        }
+        if (!lost.empty()) {
+            place.notes.push_back(std::move(lost));
         }
     }
     for (std::size_t i = 0; i < count; ++i) {

@@ -13,7 +13,7 @@
 namespace isonest::detail {
 
 std::optional<Placement> vtkhdf_place(hid_t file, const std::string& dataset, const Int3& nodes,
-                                      bool straight, const std::string& name) {
+                                      bool straight, const std::string& name, std::string& lost) {
     std::string_view path = dataset;
     path.remove_prefix(path.starts_with('/') ? 1 : 0);
     const bool of_cells = path.starts_with("VTKHDF/CellData/");
@@ -52,6 +52,7 @@ std::optional<Placement> vtkhdf_place(hid_t file, const std::string& dataset, co
     if (straight) {
         Placement place;
         place.origin = first;
+        lost = lost_by_own_spacing(nodes, steps);
         return place;
     }
     return place_in_world(nodes, steps, first, name);

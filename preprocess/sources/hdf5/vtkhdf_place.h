@@ -15,6 +15,6 @@ namespace isonest::detail {
 /// its directions, with a spacing of 1. Throws as place_in_world() does.
 /// Source: https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/index.html
 std::optional<Placement> vtkhdf_place(hid_t file, const std::string& dataset, const Int3& nodes,
-                                      bool straight, const std::string& name);
+                                      bool straight, const std::string& name, std::string& lost);
 
 }  // namespace isonest::detail

@@ -339,7 +339,7 @@ std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
     RawLayout& layout = array.layout;
     layout.frame = frame_of(header);
     if (options.spacing) {
-        array.steps.clear();
+        array.own_spacing = true;
         layout.frame = AnatomicalFrame::unknown;  // its axes went with the matrix
     }
     layout.big_endian = header.flag({"BinaryDataByteOrderMSB", "ElementByteOrderMSB"});

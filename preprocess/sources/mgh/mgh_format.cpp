@@ -122,9 +122,8 @@ std::unique_ptr<VolumeSource> open_mgh(const VolumeInput& input, const SourceOpt
     array.layout.packing = input.gzip() ? Packing::gzip : Packing::plain;
     array.layout.unit = LengthUnit::millimetre;
     array.layout.frame = AnatomicalFrame::ras;
-    if (!options.spacing) {
-        set_place(head, array);
-    }
+    set_place(head, array);
+    array.own_spacing = options.spacing.has_value();
     std::vector<std::string> notes;
     if (!has_place(head) && !options.spacing) {
         notes.emplace_back(

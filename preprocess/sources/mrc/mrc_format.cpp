@@ -150,9 +150,7 @@ std::unique_ptr<VolumeSource> open_mrc(const VolumeInput& input, const SourceOpt
         array.first.at(world) =
             has_origin ? origin.at(world) : static_cast<double>(whole(4 + i)) * spacing.at(world);
     }
-    if (options.spacing) {
-        array.steps.clear();
-    }
+    array.own_spacing = options.spacing.has_value();
     return with_notes(open_placed(array, options.index), std::move(notes));
 }
 

@@ -317,9 +317,10 @@ std::unique_ptr<VolumeSource> open_nifti(const VolumeInput& input, const SourceO
     array.layout.unit = h.unit;
     array.layout.exact_length = false;
     set_type(h.datatype, name, array);
-    // With another spacing the header's place goes, and its axes with it.
+    set_place(h, array);
+    array.own_spacing = options.spacing.has_value();
+    // With another spacing the header's axes go.
     if (!options.spacing) {
-        set_place(h, array);
         array.layout.frame =
             h.sform > 0 || h.qform > 0 ? AnatomicalFrame::ras : AnatomicalFrame::unknown;
     }

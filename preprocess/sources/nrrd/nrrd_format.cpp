@@ -144,6 +144,8 @@ std::unique_ptr<VolumeSource> open_nrrd(const VolumeInput& input, const SourceOp
         header.layout.frame = AnatomicalFrame::unknown;  // its axes go with the directions
     } else if (header.oblique) {
         place_oblique(header, name);
+    } else if (header.oblique) {
+        header.notes.push_back(lost_by_own_spacing(header.layout.nodes, header.steps));
     }
     if (header.no_space != std::array<bool, 3>{}) {
         header.layout.frame = AnatomicalFrame::unknown;

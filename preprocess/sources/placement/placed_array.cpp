@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <optional>
+#include <string>
 #include <utility>
 
 #include <isonest/error.h>
@@ -69,6 +70,7 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
     }
     std::optional<Placement> placement;
     std::optional<Double3> apart;
+    std::string lost;
     if (!array.steps.empty()) {
         std::array<Double3, 3> steps{};
         Double3 first = array.first;
@@ -82,16 +84,28 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
                 first.at(w) += array.steps[i].at(w) * static_cast<double>(chosen.at[i]);
             }
         }
-        apart = place_what_is_no_space(array, chosen, steps);
-        try {
-            placement = place_in_world(layout.nodes, steps, first, array.name);
-        } catch (const Error&) {
-            if (!array.spacing_is_given) {
-                throw;
+        if (array.own_spacing) {
+            place_what_is_no_space(array, chosen, steps);
+            if (std::isfinite(first[0] + first[1] + first[2])) {
+                layout.origin = first;
             }
-            placement.emplace().origin = first;
+            lost = lost_by_own_spacing(layout.nodes, steps);
+            if (!lost.empty()) {
+                layout.frame = AnatomicalFrame::unknown;
+            }
+        } else {
+            apart = place_what_is_no_space(array, chosen, steps);
+            try {
+                placement = place_in_world(layout.nodes, steps, first, array.name);
+            } catch (const Error&) {
+                if (!array.spacing_is_given) {
+                    throw;
+                }
+                placement.emplace().origin = first;
+                lost = lost_by_own_spacing(layout.nodes, steps);
+            }
+            set_place(*placement, layout);
         }
-        set_place(*placement, layout);
     }
     const bool is_stream = bytes != nullptr && bytes->sequential();
     if (placement && is_stream) {
@@ -112,7 +126,10 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
         source = mirrored(std::move(source), placement->backward);
     }
     source = with_notes(std::move(source), notes_of(chosen, array.axes, apart));
-    return array.stored ? converted(std::move(source), *array.stored) : std::move(source);
+    if (array.stored) {
+        source = converted(std::move(source), *array.stored);
+    }
+    return lost.empty() ? std::move(source) : with_notes(std::move(source), {lost});
 }
 
 }  // namespace isonest::detail

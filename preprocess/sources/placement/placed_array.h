@@ -42,6 +42,9 @@ struct PlacedArray {
     std::vector<double> apart = {};
     /// The caller gives a spacing: steps that are sheared are ignored, not refused.
     bool spacing_is_given = false;
+    /// The user gives the spacing: of the steps only where the first sample lies is taken, and what
+    /// is lost of them becomes a note.
+    bool own_spacing = false;
 };
 
 /// The volume that `index` leaves of it. Axes that run backward are turned around.

@@ -1,9 +1,12 @@
 #include "preprocess/sources/placement/placement.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
+#include <vector>
 
 #include <isonest/error.h>
 
@@ -75,6 +78,57 @@ Directions orthonormal(const Int3& nodes, const std::array<Double3, 3>& steps) {
     return direction;
 }
 
+double degrees(double cosine) {
+    return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / std::numbers::pi;
+}
+
+/// "x and z meet at 71.5 degrees": of the two axes that are furthest from a right angle.
+std::string sheared_axes(const Int3& nodes, const std::array<Double3, 3>& steps) {
+    double worst = 0;
+    std::string text;
+    for (std::size_t a = 0; a < 2; ++a) {
+        for (std::size_t b = a + 1; b < 3; ++b) {
+            const double angle = degrees(dot(steps.at(a), steps.at(b)) /
+                                         (length_of(steps.at(a)) * length_of(steps.at(b))));
+            constexpr double kRight = 90;
+            const bool flat = nodes[static_cast<int>(a)] == 1 || nodes[static_cast<int>(b)] == 1;
+            if (!flat && std::fabs(angle - kRight) > worst) {
+                worst = std::fabs(angle - kRight);
+                text = fmt::format("{} and {} meet at {:.4g} degrees", "xyz"[a], "xyz"[b], angle);
+            }
+        }
+    }
+    return text;
+}
+
+/// From the world's axes to these, degrees.
+double turn_of(const Directions& d) {
+    return degrees((d[0][0] + d[1][1] + d[2][2] - 1) / 2);
+}
+
+/// How far nodes lie from where spacings along the directions put them, added up over the axes.
+double shift_from(const Int3& nodes, const std::array<Double3, 3>& steps,
+                  const Directions& direction) {
+    double shift = 0;
+    for (std::size_t a = 0; a < 3; ++a) {
+        const Double3 straight = times(direction.at(a), -length_of(steps.at(a)));
+        shift += length_of(sum(steps.at(a), straight)) * cells_along(nodes, a);
+    }
+    return shift;
+}
+
+std::string lost_text(const std::vector<std::string>& lost) {
+    return lost.empty() ? ""
+                        : fmt::format(
+                              "the spacing that was given replaces the directions of the "
+                              "file, which are lost: {}",
+                              fmt::join(lost, "; "));
+}
+
+std::string text_of_turn(const Directions& direction) {
+    return fmt::format("a rotation by {:.4g} degrees", turn_of(direction));
+}
+
 }  // namespace
 
 void complete_steps(const Int3& nodes, std::array<Double3, 3>& steps) {
@@ -90,6 +144,49 @@ void complete_steps(const Int3& nodes, std::array<Double3, 3>& steps) {
         }
         steps.at(a) = times(normal, 1 / length_of(normal));
     }
+}
+
+std::string lost_by_own_spacing(const Directions& direction) {
+    return direction == kAlongWorld ? "" : lost_text({text_of_turn(direction)});
+}
+
+std::string lost_by_own_spacing(const Int3& nodes, std::array<Double3, 3> steps) {
+    complete_steps(nodes, steps);
+    double lengths = 1;
+    for (const Double3& step : steps) {
+        lengths *= length_of(step);
+    }
+    const double spanned = dot(cross(steps[0], steps[1]), steps[2]);
+    constexpr double kFlat = 1e-6;
+    if (!(lengths > 0) || !std::isfinite(lengths) || !(std::fabs(spanned) > kFlat * lengths)) {
+        return "";
+    }
+    std::vector<std::string> lost;
+    if (is_along_world(nodes, steps)) {
+        std::string backward;
+        for (std::size_t a = 0; a < 3; ++a) {
+            if (steps.at(a).at(a) < 0 && nodes[static_cast<int>(a)] > 1) {
+                backward += fmt::format("{}{}", backward.empty() ? "" : ", ", "xyz"[a]);
+            }
+        }
+        if (!backward.empty()) {
+            lost.push_back("these axes run backward, and are not turned around: " + backward);
+        }
+        return lost_text(lost);
+    }
+    if (spanned < 0) {
+        lost.emplace_back("the axes are left-handed, so the volume becomes its mirror image");
+        steps[0] = times(steps[0], -1);
+    }
+    const Directions direction = orthonormal(nodes, steps);
+    if (turn_of(direction) > 0.01) {
+        lost.push_back(text_of_turn(direction));
+    }
+    const double least = std::min({length_of(steps[0]), length_of(steps[1]), length_of(steps[2])});
+    if (!(shift_from(nodes, steps, direction) < kMostShift * least)) {
+        lost.push_back("a shear (" + sheared_axes(nodes, steps) + ")");
+    }
+    return lost_text(lost);
 }
 
 Placement place_in_world(const Int3& nodes, std::array<Double3, 3> steps, const Double3& first,
@@ -128,15 +225,17 @@ Placement place_in_world(const Int3& nodes, std::array<Double3, 3> steps, const 
     }
     place.direction = orthonormal(nodes, steps);
     const double least = std::min({place.spacing[0], place.spacing[1], place.spacing[2]});
-    double shift = 0;
-    for (std::size_t a = 0; a < 3; ++a) {
-        const Double3 straight = times(place.direction.at(a), -place.spacing.at(a));
-        shift += length_of(sum(steps.at(a), straight)) * cells_along(nodes, a);
-    }
-    if (!(shift < kMostShift * least)) {
+    if (!(shift_from(nodes, steps, place.direction) < kMostShift * least)) {
         throw Error(ErrorKind::unsupported, {name},
-                    "a sheared volume: its axes are not at right angles to each other (samples lie "
-                    "a tenth of a voxel or more beside); resample it, or ignore its directions",
+                    fmt::format("a sheared volume: {}, with the spacing {:.6g},{:.6g},{:.6g}; "
+                                "resample it. With a spacing of your own the axes are taken as at "
+                                "right angles, and the shear{} is lost",
+                                sheared_axes(nodes, steps), place.spacing[0], place.spacing[1],
+                                place.spacing[2],
+                                turn_of(place.direction) > 0.01
+                                    ? fmt::format(", with the rotation by {:.4g} degrees,",
+                                                  turn_of(place.direction))
+                                    : ""),
                     {{RemedyKind::place_in_world, "spacing"}});
     }
     return place;

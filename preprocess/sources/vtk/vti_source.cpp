@@ -79,7 +79,7 @@ void set_type(const VtiArray& given, PlacedArray& array) {
     }
 }
 
-void set_place(const VtiHeader& header, const VtiArray& given, bool straight, PlacedArray& array) {
+void set_place(const VtiHeader& header, const VtiArray& given, PlacedArray& array) {
     constexpr std::array<const char*, 3> kNames{"x", "y", "z"};
     array.first = header.origin;
     for (std::size_t i = 3; i-- > 0;) {
@@ -94,15 +94,11 @@ void set_place(const VtiHeader& header, const VtiArray& given, bool straight, Pl
         array.axes.push_back({kNames.at(i), high - low + (between ? 0 : 1), true});
         const Double3 step = header.grid.step(i);
         to_first_sample(array.first, step, static_cast<double>(low), between);
-        if (!straight) {
-            array.steps.push_back(step);
-        }
+        array.steps.push_back(step);
     }
     if (given.components > 1) {
         array.axes.push_back({"c", given.components, false});
-        if (!straight) {
-            array.steps.push_back({0, 0, 0});
-        }
+        array.steps.push_back({0, 0, 0});
     }
 }
 
@@ -336,7 +332,8 @@ std::unique_ptr<VolumeSource> open_vti(const VolumeInput& input, const SourceOpt
     const VtiArray& given = choose(header.pieces.front().arrays, options, file);
     array.name = file + ":" + given.name;
     set_type(given, array);
-    set_place(header, given, options.spacing.has_value(), array);
+    set_place(header, given, array);
+    array.own_spacing = options.spacing.has_value();
     const ValueType type = array.stored ? bits_type(*array.stored) : array.layout.type;
     const std::uint64_t count = place_in_array(array.axes, options.index, array.name).whole;
     const bool is_text = given.format == "ascii";

@@ -55,9 +55,7 @@ std::unique_ptr<VolumeSource> open_vtk(const VolumeInput& input, const SourceOpt
         array.axes.push_back({"c", found.components, false});
         array.steps.push_back({0, 0, 0});
     }
-    if (options.spacing) {
-        array.steps.clear();
-    }
+    array.own_spacing = options.spacing.has_value();
     array.layout.exact_length = false;
     if (header.text) {
         const std::uint64_t count = place_in_array(array.axes, options.index, array.name).whole;

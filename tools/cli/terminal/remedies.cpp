@@ -59,7 +59,9 @@ Phrase phrase_of(RemedyKind kind) {
         case RemedyKind::resume:
             return {"resume", "--resume", "run again with --resume to go on", "", "run again"};
         case RemedyKind::no_resume:
-            return {"no_resume", "--resume", "leave out --resume", "", "start anew"};
+            return {"no_resume", "--resume",
+                    "leave out --resume (what an interrupted run has done is then not used)", "",
+                    "start anew"};
         case RemedyKind::make_fields:
             return {"make_fields", "", "preprocess the volume again with --indicators {}", "", "",
                     Say::list};
@@ -100,7 +102,7 @@ Phrase phrase_of(RemedyKind kind) {
         case RemedyKind::same_options:
             return {"same_options", "", "give those", "", ""};
         case RemedyKind::remove_leftover:
-            return {"remove_leftover", "", "delete it", "", ""};
+            return {"remove_leftover", "", "delete it, and with it what that run has done", "", ""};
         case RemedyKind::smaller_picture:
             return {"smaller_picture", "--size", "give a smaller --size", "",
                     "draw a smaller picture"};
@@ -115,7 +117,8 @@ Phrase phrase_of(RemedyKind kind) {
             return {"graph", "", "draw data in a plane with extract --graph --scale 0", "", ""};
         case RemedyKind::choose_index:
             return {"choose_index", "--index", "choose with --index {}",
-                    "choose with --index, an entry per axis (5,:,:,:) or by name (time=5)",
+                    "choose with --index, an entry for each axis (a position or :) or by the "
+                    "names of the axes",
                     "take one of its volumes"};
         case RemedyKind::choose_series:
             return {"choose_series", "--series", "choose one with --series", "", "choose one"};
@@ -151,7 +154,7 @@ Phrase phrase_of(RemedyKind kind) {
         case RemedyKind::open_again:
             return {"open_again", "", "run again", "", ""};
         case RemedyKind::download:
-            return {"download", "", "download it first (curl -O URL)", "", ""};
+            return {"download", "", "download it first (curl -fO URL)", "", ""};
     }
     return {"unknown", "", "{}", "", ""};
 }

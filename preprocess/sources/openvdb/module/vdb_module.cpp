@@ -20,6 +20,7 @@
 #include "preprocess/sources/openvdb/module/vdb_ends.h"
 #include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
+#include "preprocess/sources/wrapping/noted_source.h"
 
 namespace isonest::detail {
 namespace {
@@ -155,12 +156,19 @@ std::unique_ptr<VolumeSource> open_grid(const openvdb::GridBase::Ptr& base,
         next[a] += 1;
         steps.at(static_cast<std::size_t>(a)) = to_double3(transform.indexToWorld(next) - first);
     }
+    const Int3 nodes{size.x(), size.y(), size.z()};
     Placement place;
-    if (!options.spacing) {
-        place = place_in_world({size.x(), size.y(), size.z()}, steps, to_double3(first), name);
+    std::string lost;
+    if (options.spacing) {
+        place.origin = to_double3(first);
+        lost = lost_by_own_spacing(nodes, steps);
+    } else {
+        place = place_in_world(nodes, steps, to_double3(first), name);
     }
-    return mirrored(std::make_unique<VdbSource<Grid>>(grid, box, place, input.path(), grid_name),
-                    place.backward);
+    auto source =
+        mirrored(std::make_unique<VdbSource<Grid>>(grid, box, place, input.path(), grid_name),
+                 place.backward);
+    return lost.empty() ? std::move(source) : with_notes(std::move(source), {lost});
 }
 
 std::unique_ptr<VolumeSource> open_vdb(const VolumeInput& input, const SourceOptions& options) {
