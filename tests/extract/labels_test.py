@@ -183,6 +183,18 @@ class Labels(unittest.TestCase):
             with self.subTest(words=words):
                 self.assertIn("labels of 64 bits", run(words[0], store, *words[1:], code=5).stderr)
 
+    def test_a_label_of_64_bits_can_be_missing(self):
+        data = np.arange(27).reshape(3, 3, 3) % 4
+        store = self.store(data, "m", "--labels", "--missing", 3)
+        run("extract", store, "--labels", "0-9", "-o", self.here / "m")
+        listed = json.loads((self.here / "m" / "labels.json").read_text())["labels"]
+        self.assertEqual([(entry["id"], entry["nodes"]) for entry in listed],
+                         [(i, int((data == i).sum())) for i in range(3)])
+        self.assertTrue(json.loads(run("info", store, "--json").stdout)["has_missing"])
+        for value in ("-1", "1.5"):
+            self.assertIn("no label", run("preprocess", self.here / "m.npy", "--labels", "--missing", value, "-o",
+                                          self.here / "x.isonest", code=2).stderr)
+
     def behind(self, path, said, end, shape):
         """The int64 numbers behind a header that ends so."""
         header, numbers = path.read_bytes().split(end, 1)
