@@ -55,7 +55,7 @@ ONLY_HERE = {  # the function, the argument: why the program has no such option
     ("*", "coordinates"): "files are in world coordinates", ("*", "scratch"): "the folder of the output",
     ("*", "reading"): "those of preprocess", ("preprocess", "volume"): "INPUT", ("smooth", "volume"): "INPUT",
     ("of_volume", "volume"): "INPUT", ("of_volume", "label_names"): "of preprocess",
-    ("of_volume", "identified"): "resume, of preprocess",
+    ("of_volume", "labels"): "labels are not smoothed", ("of_volume", "identified"): "resume, of preprocess",
     ("save", "shift"): "over, of meshes of labels",
     ("isosurface", "gradient_direction"): "that of scikit-image", ("slice", "offset"): "the fourth number of the plane",
     ("contours", "offset"): "the fourth number of the plane",
