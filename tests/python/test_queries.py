@@ -411,3 +411,22 @@ def test_labels_have_the_names_and_colours_of_the_table(tmp_path):
                 subprocess.run([program, "extract", tmp_path / "n.isonest", "--label", "7", "-q", "-o", tmp_path / f"p.{end}"],
                                check=True)
                 assert (tmp_path / f"{number}.{end}").read_bytes() == (tmp_path / f"p.{end}").read_bytes()
+
+
+def test_labels_of_64_bits_are_ints_everywhere(tmp_path):
+    ids = np.array([0, 3, 2**53 + 1, 720575940627185911, 2**62 - 1])
+    labels = np.tile(ids, 24).reshape(4, 5, 6)
+    np.save(tmp_path / "v.npy", labels)
+    report = isonest.preprocess(tmp_path / "v.npy", tmp_path / "s", labels=True)
+    assert (report.min, report.max) == (0, 2**62 - 1)
+    with isonest.open(tmp_path / "s") as store:
+        assert store.dtype == store.values().dtype == np.int64
+        np.testing.assert_array_equal(store.values(), labels)
+        np.testing.assert_array_equal(store.values(box=np.s_[1:3, :, 2]), labels[1:3, :, 2])
+        assert store.range == (0, 2**62 - 1)
+        values, *indicators = store.arrays[:2]
+        assert (values.min, values.max) == (0, 2**62 - 1)
+        edges = store.histogram().edges
+        assert (edges.dtype, edges[0]) == (np.int64, 0) and edges[-1] > 2**62 - 1
+        with pytest.raises(isonest.UnsupportedError, match="labels of 64 bits"):
+            store.slice((0, 0, 1), 1)
