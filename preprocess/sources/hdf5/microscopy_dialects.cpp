@@ -11,6 +11,7 @@
 #include "preprocess/sources/bytes/json_file.h"
 #include "preprocess/sources/hdf5/dialects.h"
 #include "preprocess/sources/hdf5/hdf5_datasets.h"
+#include "preprocess/sources/hdf5/hdf5_files.h"
 #include "preprocess/sources/hdf5/hdf5_groups.h"
 #include "store/lattice/lattice.h"
 
