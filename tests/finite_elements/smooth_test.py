@@ -119,7 +119,11 @@ with tempfile.TemporaryDirectory(prefix="isonest-smooth-") as name:
     refused(2, "is read", *raw, *least, "-o", "v.raw", "--force")
     refused(3, "nothing.raw", "nothing.raw", "--dims", "4,4,4", "--type", "u8", *least, "-o", "b.raw")
     refused(7, "give at least --memory", *raw, *least, "--memory", "1M", "-o", "b.raw")
-    refused(5, "node (2, 0, 0)", "v.raw", "--dims", f"{nx},{ny},{nz}", "--type", "int16", "--missing",
+    holed = noisy.astype("<f4")
+    holed[0, 0, 2] = numpy.nan
+    holed.tofile("holed.raw")
+    refused(5, "node (2, 0, 0)", "holed.raw", "--dims", f"{nx},{ny},{nz}", "--type", "float32", *least, "-o", "b.raw")
+    refused(2, "--missing", "v.raw", "--dims", f"{nx},{ny},{nz}", "--type", "int16", "--missing",
             int(noisy[0, 0, 2]), *least, "-o", "b.raw")
     refused(3, "there is no folder", *raw, *least, "-o", "nowhere/b.raw")
     refused(2, "--snapshots", *raw, *least, "--snapshots", "0,2", "-o", "b.raw")
