@@ -129,7 +129,7 @@ class Faults(unittest.TestCase):
     def test_what_is_no_store(self):
         with RangeServer(FOLDER) as server:
             self.failed(4, "not a store", "info", server.url("page.html"))
-            self.failed(2, "is no store", "extract", server.url("page.html"), *EXTRACT)
+            self.failed(5, "web page", "extract", server.url("page.html"), *EXTRACT)
 
     def test_a_certificate_that_is_not_trusted(self):
         tls = certificate(FOLDER)

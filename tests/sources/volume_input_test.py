@@ -113,6 +113,19 @@ class Hdf5Input(Input):
                                             chunks=chunks, **options)
                     self.reads(data.astype(data.dtype.newbyteorder("=")))
 
+    def test_where_a_volume_lies_does_not_depend_on_how_it_is_stored(self):
+        data = RANDOM.integers(0, 99, (6, 5, 7))
+        for kind in ("<u2", ">u2", ">f8"):
+            for options in ({}, {"chunks": (4, 4, 4)}, {"chunks": (4, 4, 4), "compression": "gzip"}):
+                with self.subTest(kind=kind, options=options):
+                    with h5py.File(self.path, "w") as file:
+                        volume = file.create_dataset("v", data=data.astype(kind), **options)
+                        volume.attrs.update(spacing=[1.0, 2.0, 3.0], origin=[4.0, 5.0, 6.0], unit="mm")
+                    self.reads(data.astype(kind).astype(np.dtype(kind).newbyteorder("=")))
+                    info = self.info()
+                    self.assertEqual((info["spacing"], info["origin"], info["unit"]),
+                                     ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0], "mm"))
+
     def test_the_store_does_not_depend_on_how_the_input_is_stored(self):
         data = RANDOM.integers(0, 99, (61, 58, 55)).astype(np.float32)
         stores = set()

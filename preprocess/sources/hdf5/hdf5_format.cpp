@@ -208,10 +208,13 @@ class Hdf5Source : public VolumeSource {
         }
         shape_ = shape_of(dataset_.get());
         const auto type = value_type_of(dataset_.get());
-        const NamedDataset named{file_.get(), dataset_.get(), dataset_name_, name_};
+        // Opened anew by set_chunks(), the dataset has another handle.
+        const auto named = [this] {
+            return NamedDataset{file_.get(), dataset_.get(), dataset_name_, name_};
+        };
         const bool with_spacing = options.spacing.has_value();
         if (type && !shape_.dims.empty()) {
-            dialect_ = dialect_of(named, shape_.dims, with_spacing);
+            dialect_ = dialect_of(named(), shape_.dims, with_spacing);
         }
         axes_ = dialect_ ? dialect_->axes : hdf5_axes(dataset_.get(), shape_.dims);
         if (type && (dialect_ || shape_.axes.empty() || !index.empty()) && !shape_.dims.empty()) {
@@ -245,7 +248,7 @@ class Hdf5Source : public VolumeSource {
         set_chunks(options);
         place_ = dialect_ && !dialect_->steps.empty()
                      ? place_by_dialect(*dialect_, shape_, unpadded_nodes(), with_spacing, name_)
-                     : hdf5_place(named, shape_, axes_, options);
+                     : hdf5_place(named(), shape_, axes_, options);
         add_notes(place_.notes);
         add_notes(note_of_spacing(place_.said, nodes_, options));
         if (input_.is_far()) {

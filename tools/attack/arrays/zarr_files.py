@@ -21,6 +21,12 @@ FILTERS = (lambda one, kind: numcodecs.Delta(kind), lambda one, kind: numcodecs.
            lambda one, kind: numcodecs.BitRound(9) if kind.kind == "f" else numcodecs.Shuffle(4 if kind.itemsize >= 4 else kind.itemsize))
 
 
+def room_for(root):
+    """Options: 80 MiB are set aside for the dictionary of LZMA."""
+    about = [path for name in (".zarray", "zarr.json") for path in root.rglob(name)]
+    return {"memory": "1G"} if any("lzma" in path.read_text() for path in about) else {}
+
+
 def blosc(one):
     return numcodecs.Blosc(one.pick(*zarr3.BLOSC), one.pick(0, 1, 5, 9), one.pick(-1, 0, 1, 2), one.pick(0, 0, 64, 256))
 
@@ -141,7 +147,7 @@ def zarr_v2(one):
     index, chosen = chosen_of(one, data) if refused is None else (None, data)
     if index is None and sum(n > 1 for n in data.shape) > 3:
         refused = refused or "axes: volumes of one scalar"
-    return check(one, zipped(one, root), chosen, {"index": index, **options}, refused=refused)
+    return check(one, zipped(one, root), chosen, {"index": index, **room_for(root), **options}, refused=refused)
 
 
 def fill_text(one, fill, kind):
@@ -195,7 +201,7 @@ def version_3(one, codecs_of):
     if index is None and sum(n > 1 for n in data.shape) > 3:
         refused = refused or "axes: volumes of one scalar"
     root = zipped(one, one.folder / "v.zarr", stored_alone=any(c["name"] == "sharding_indexed" for c in codecs))
-    return check(one, root, chosen, {"index": index, **options}, refused=refused)
+    return check(one, root, chosen, {"index": index, **room_for(root), **options}, refused=refused)
 
 
 def zarr_v3(one):

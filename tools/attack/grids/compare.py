@@ -49,7 +49,7 @@ def differs(one, path, expected, **options):
     isonest = attack.package(one.program)
     store_path = one.folder / "s.isonest"
     try:
-        isonest.preprocess(path, store_path, memory="256M", threads=1, chunk=one.pick(8, 16, 32, 64), **options)
+        isonest.preprocess(path, store_path, threads=1, chunk=one.pick(8, 16, 32, 64), **{"memory": "256M", **options})
     except isonest.Error as error:
         why = attack.reason(error.problem or error, one.folder)
         if any(re.search(pattern, str(error)) for pattern in expected.refusals):
@@ -99,7 +99,7 @@ def differs_in_world(one, path, expected, **options):
     isonest = attack.package(one.program)
     store_path = one.folder / "s.isonest"
     try:
-        isonest.preprocess(path, store_path, memory="256M", threads=1, chunk=one.pick(8, 16, 32, 64), **options)
+        isonest.preprocess(path, store_path, threads=1, chunk=one.pick(8, 16, 32, 64), **{"memory": "256M", **options})
     except isonest.Error as error:
         why = attack.reason(error.problem or error, one.folder)
         if any(re.search(pattern, str(error)) for pattern in expected.refusals):

@@ -86,6 +86,7 @@ class File:
                     self.at[int(i)] = int(one.random.integers(self.sizes[i]))
                     left.remove(i)
         self.wide = (left if len(left) <= 3 else [i for i in left if self.sizes[i] > 1])[:3]  # axes of the volume
+        self.from_left = False
         self.shift = np.zeros(3)  # of the origin, by the positions on the other axes
 
     def index(self):
@@ -160,7 +161,9 @@ class File:
         self.world = one.pick(3, 3, 3, 3, max(len(wide), 2), len(wide), 4)
         w = min(self.world, 3)
         named = self.world in SPACES and one.chance(0.7)
-        self.first.append("space: " + self.word(one.pick(*SPACES[self.world])) if named else f"space dimension: {self.world}")
+        space = one.pick(*SPACES[self.world]) if named else ""
+        self.first.append("space: " + self.word(space) if named else f"space dimension: {self.world}")
+        self.from_left = space.lower().startswith(("left-anterior", "las"))  # which is read as RAS, with x negated
         turn = _turn(one, w)[:, :len(wide)]
         self.steps = turn * [_random(one) for _ in wide]
         long = [a for a, i in enumerate(wide) if self.sizes[i] > 1]
@@ -259,6 +262,8 @@ def _placed(file):
         steps[:file.steps.shape[0], :len(wide)] = file.steps
         origin[:len(file.origin)] = file.origin
         origin += file.shift
+        if file.from_left:
+            steps[0], origin[0] = -steps[0], -origin[0]
     else:
         for a, i in enumerate(wide):
             steps[a, a], origin[a] = file.steps[i], file.origin[i]

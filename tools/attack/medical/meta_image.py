@@ -195,17 +195,6 @@ def meta_image_refused(one):
     return volumes.compared(one, one.folder / "v.mhd", volumes.Volume(stored, must_refuse=why))
 
 
-def _list_of_files(stored):
-    names = [f"s{z}.raw" for z in range(len(stored))]
-    return (("a list of files", "several files"), ["ElementType = MET_SHORT", "ElementDataFile = LIST", *names],
-            {name: plane.tobytes() for name, plane in zip(names, stored)})
-
-
-def _pattern(stored):
-    return (("a pattern of files", "several files"), ["ElementType = MET_SHORT", f"ElementDataFile = s%d.raw 0 {len(stored) - 1} 1"],
-            {f"s{z}.raw": plane.tobytes() for z, plane in enumerate(stored)})
-
-
 def _as_text(stored):
     return (("numbers as text", "text"), ["BinaryData = False", "ElementType = MET_SHORT", "ElementDataFile = v.txt"],
             {"v.txt": _text(stored).encode()})
@@ -219,4 +208,4 @@ def _short_file(stored):
     return (("a file that is cut short", "bytes"), ["ElementType = MET_SHORT", "ElementDataFile = v.raw"], {"v.raw": stored.tobytes()[:-1]})
 
 
-_REFUSED = (_list_of_files, _pattern, _as_text, _long, _short_file)
+_REFUSED = (_as_text, _long, _short_file)
