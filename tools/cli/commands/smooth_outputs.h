@@ -6,6 +6,7 @@
 #include <span>
 #include <string>
 
+#include <isonest/frame.h>
 #include <isonest/int3.h>
 #include <isonest/length_unit.h>
 #include <isonest/progress.h>
