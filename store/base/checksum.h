@@ -1,4 +1,4 @@
-// Checksums by which damage is noticed: XXH64, https://github.com/Cyan4973/xxHash.
+// Checksums that detect damage: XXH64, https://github.com/Cyan4973/xxHash.
 #pragma once
 
 #include <cstddef>
@@ -10,7 +10,7 @@ namespace isonest::detail {
 
 /// XXH64 with seed 0.
 std::uint64_t checksum_of(std::span<const std::byte> bytes);
-/// The same of bytes that come piece by piece.
+/// The same for bytes that arrive in pieces.
 class Checksum {
   public:
     Checksum();

@@ -1,4 +1,4 @@
-// Parallel work whose results are used one at a time, in order.
+// Computes results in parallel and uses them one at a time, in order.
 #pragma once
 
 #include <oneapi/tbb/parallel_pipeline.h>
@@ -8,14 +8,16 @@
 
 namespace isonest::detail {
 
-/// Calls compute(i) for i = 0 ... count - 1 in parallel and use(i, result) for each, one at a time
-/// and in ascending order, so that what is written does not depend on the threads, and no two wait
-/// for one file. At most `tokens` results are alive. Throws what the first failing call throws.
+/// Calls compute(i) for i = 0 ... count - 1 in parallel, and use(i, result) for each result, one at
+/// a time and in ascending order. So the output does not depend on the threads, and no two of them
+/// wait for the same file. At most `tokens` results are alive. Throws what the first failing call
+/// throws.
 template <class Compute, class Use>
 void in_order(std::int64_t count, int tokens, const Compute& compute, const Use& use) {
     using Result = decltype(compute(std::int64_t{0}));
-    // The results are ours and only their numbers are tokens: tokens under way when something fails
-    // are not destroyed. The last stage is in order, so at most the last `tokens` are alive.
+    // The results are stored here and only their numbers are tokens, because tokens under way are
+    // not destroyed when something fails. The last stage is in order, so at most the last `tokens`
+    // are alive.
     std::vector<Result> results(static_cast<std::size_t>(tokens));
     const auto result_of = [&](std::int64_t i) -> Result& {
         return results[static_cast<std::size_t>(i) % results.size()];

@@ -5,13 +5,11 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "store/base/label_bits.h"
-
 namespace isonest::detail {
 namespace {
 
-/// The code point that begins at byte `at`, which moves behind it; none if there is no whole one in
-/// its shortest form.
+/// The code point that begins at byte `at`, which is advanced past it; nullopt if it is incomplete
+/// or not in its shortest form.
 std::optional<std::uint32_t> next_code_point(std::string_view text, std::size_t& at) {
     const auto byte = [&](std::size_t i) { return static_cast<std::uint8_t>(text[i]); };
     const std::uint32_t first = byte(at);
@@ -42,9 +40,9 @@ std::optional<std::uint32_t> next_code_point(std::string_view text, std::size_t&
         }
         code = (code << 6U) | (byte(at) & 0x3FU);
     }
-    constexpr std::uint32_t kMost = 0x10FFFF;
+    constexpr std::uint32_t kMax = 0x10FFFF;
     const bool surrogate = code >= 0xD800 && code < 0xE000;
-    return code < least || code > kMost || surrogate ? std::nullopt : std::optional(code);
+    return code < least || code > kMax || surrogate ? std::nullopt : std::optional(code);
 }
 
 }  // namespace
@@ -61,28 +59,28 @@ bool is_printable_utf8(std::string_view text) {
 }
 
 std::string why_no_label_names(std::span<const LabelName> names) {
-    if (names.size() > LabelName::kMostOfStore) {
+    if (names.size() > LabelName::kMaxOfStore) {
         return fmt::format("{} labels with names: a store holds {} at most", names.size(),
-                           LabelName::kMostOfStore);
+                           LabelName::kMaxOfStore);
     }
     for (std::size_t i = 0; i < names.size(); ++i) {
         const LabelName& label = names[i];
         if (i > 0 && label.id <= names[i - 1].id) {
-            return fmt::format("names of labels {} and {}: they have to be by rising ids",
-                               names[i - 1].id, label.id);
+            return fmt::format("names of labels {} and {}: ids must be increasing", names[i - 1].id,
+                               label.id);
         }
-        constexpr auto kMost = static_cast<std::int64_t>(kMostLabel);
-        if (label.id < -kMost || label.id > kMost) {
+        constexpr auto kMax = static_cast<std::int64_t>(kMaxLabel);
+        if (label.id < -kMax || label.id > kMax) {
             return fmt::format("a name of label {}: labels go from -(2^62 - 1) to 2^62 - 1",
                                label.id);
         }
-        if (label.name.size() > LabelName::kMostBytes) {
+        if (label.name.size() > LabelName::kMaxBytes) {
             return fmt::format("the name of label {} has {} bytes: {} at most", label.id,
-                               label.name.size(), LabelName::kMostBytes);
+                               label.name.size(), LabelName::kMaxBytes);
         }
         if (!is_printable_utf8(label.name)) {
-            return fmt::format(
-                "the name of label {} is no text in UTF-8, or has control characters", label.id);
+            return fmt::format("the name of label {} is not valid UTF-8, or has control characters",
+                               label.id);
         }
         if (label.name.empty() && !label.color) {
             return fmt::format("label {} has neither a name nor a colour", label.id);

@@ -1,8 +1,13 @@
+#include "store/base/length_unit.h"
+
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <numeric>
 #include <utility>
 
+#include <isonest/error.h>
 #include <isonest/length_unit.h>
 
 namespace isonest {
@@ -12,7 +17,7 @@ constexpr std::int64_t kThousand = 1000;
 constexpr std::int64_t kMillion = 1000 * kThousand;
 constexpr std::int64_t kBillion = 1000 * kMillion;
 
-// The inch and the foot are the international ones.
+// The international inch and foot.
 constexpr std::array<LengthUnitInfo, 11> kUnits{
     {{LengthUnit::kilometre, "km", "kilometre", kThousand, 1},
      {LengthUnit::metre, "m", "metre", 1, 1},
@@ -26,8 +31,8 @@ constexpr std::array<LengthUnitInfo, 11> kUnits{
      {LengthUnit::foot, "ft", "foot", 381, 1250},
      {LengthUnit::inch, "in", "inch", 127, 5000}}};
 
-/// What is neither a symbol nor a name; in lower case where it is ASCII. ImageJ writes mu as an
-/// escape.
+/// Spellings that are neither a symbol nor a name; in lower case if ASCII. ImageJ writes mu as an
+/// escape sequence.
 constexpr std::array<std::pair<std::string_view, LengthUnit>, 18> kOthers{
     {{"MM", LengthUnit::millimetre},
      {"micron", LengthUnit::micrometre},
@@ -67,7 +72,7 @@ std::string lower_case(std::string_view text) {
     return out;
 }
 
-/// Singular and British.
+/// Converts to singular and British spelling.
 std::string as_named(std::string word) {
     if (word.ends_with('s') && word.size() > 4) {
         word.pop_back();
@@ -128,3 +133,19 @@ double converted_length(double length, LengthUnit from, LengthUnit to) {
 }
 
 }  // namespace isonest
+
+namespace isonest::detail {
+
+double world_units(double length, LengthUnit given, std::optional<LengthUnit> unit,
+                   const std::string& name) {
+    if (!unit) {
+        throw Error(
+            ErrorKind::invalid_argument, {name},
+            fmt::format("the volume has no unit, so {:g} {} cannot be converted", length,
+                        symbol_of(given)),
+            {{RemedyKind::world_units}, {RemedyKind::say_unit, std::string(symbol_of(given))}});
+    }
+    return converted_length(length, given, *unit);
+}
+
+}  // namespace isonest::detail

@@ -10,8 +10,8 @@
 #include <isonest/error.h>
 
 #include "store/container/codec.h"
-#include "store/container/hdf5_types.h"
-#include "store/hdf5/hdf5_frame.h"
+#include "store/container/parts/hdf5_types.h"
+#include "store/hdf5/handles.h"
 
 namespace isonest::detail {
 namespace {
@@ -31,7 +31,7 @@ std::vector<std::uint64_t> counts_of(const AnalysedSurface& s) {
             s.largest_dropped, s.border_vertices, s.mended_triangles,   s.row_bytes};
 }
 
-/// Of all that the attributes say.
+/// Checksum of everything in the attributes.
 std::uint64_t header_checksum(const AnalysedSurface& s, std::span<const AnalysisStep> steps) {
     Checksum sum;
     sum.add(std::as_bytes(std::span(s.key)));
@@ -93,21 +93,21 @@ AnalysisFile::AnalysisFile(const std::filesystem::path& path) : path_(path), fil
     const QuietHdf5 quiet;
     const FileHandle file = open_hdf5(path_);
     if (!file.valid() || read_text(file.get(), "format") != kAnalysisName) {
-        damaged("not an analysis of a surface");
+        damaged("not a surface analysis");
     }
     const auto version = read_integers(file.get(), "version", 1);
     if (!version || (*version)[0] != kAnalysisVersion) {
-        throw Error(ErrorKind::unsupported, {path_.string()},
-                    fmt::format("an analysis of another version of isonest; this one reads "
-                                "version {}",
-                                kAnalysisVersion));
+        throw Error(
+            ErrorKind::unsupported, {path_.string()},
+            fmt::format("an analysis made by another version of isonest; this one reads version {}",
+                        kAnalysisVersion));
     }
     const auto key = read_text(file.get(), "key");
     const auto counts = read_integers(file.get(), "counts", kCounts);
     const auto rounding = read_numbers(file.get(), "rounding", kNumbers);
     const auto steps = read_integers(file.get(), "steps", 1);
     const auto checksum = read_integers(file.get(), "xxh64", 1);
-    if (!key || !counts || !rounding || !steps || !checksum || (*steps)[0] > kMostSteps) {
+    if (!key || !counts || !rounding || !steps || !checksum || (*steps)[0] > kMaxSteps) {
         damaged("an attribute is missing");
     }
     const auto& c = *counts;
@@ -117,7 +117,7 @@ AnalysisFile::AnalysisFile(const std::filesystem::path& path) : path_(path), fil
         arrays_.push_back(arrays_of(file.get(), i));
     }
     if (header_checksum(surface_, steps_) != (*checksum)[0]) {
-        damaged("its attributes are not those that were written");
+        damaged("checksum mismatch: its attributes have changed");
     }
 }
 
@@ -170,7 +170,7 @@ std::span<const std::byte> AnalysisFile::corners(std::size_t step) const {
 void AnalysisFile::verify(std::size_t step) const {
     const Arrays& a = arrays_[step];
     if (analysis_checksum(a.positions, a.rows, a.corners) != steps_[step].checksum) {
-        damaged(fmt::format("the bytes of step {} are not those that were written", step));
+        damaged(fmt::format("checksum mismatch in step {}: the bytes have changed", step));
     }
     for (std::size_t at = 0; at < a.positions.size(); at += sizeof(float)) {
         float x = 0;
@@ -183,7 +183,7 @@ void AnalysisFile::verify(std::size_t step) const {
         std::uint64_t v = 0;
         std::memcpy(&v, a.corners.data() + at, sizeof(v));
         if (v >= steps_[step].vertices) {
-            damaged(fmt::format("a corner of step {} is no vertex", step));
+            damaged(fmt::format("a triangle of step {} has an invalid vertex", step));
         }
     }
 }

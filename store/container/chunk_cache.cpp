@@ -17,8 +17,8 @@ std::size_t element_bytes(const ArrayInfo& array) {
     return array.codec.element_size * static_cast<std::size_t>(array.components);
 }
 
-/// How the sides of a chunk are stored: the planes of each axis, x first, those at its low end
-/// first; in a plane the smaller axis is fastest.
+/// Storage of the sides of a chunk: the planes of each axis, x first, those at its low end first;
+/// within a plane the smaller axis is fastest.
 struct SideAxis {
     std::int64_t low = 0;    ///< planes
     std::int64_t high = 0;   ///< planes
@@ -27,7 +27,7 @@ struct SideAxis {
     Int3 stride;             ///< within a plane
 
     [[nodiscard]] std::int64_t planes() const { return low + high; }
-    /// Number of the plane at coordinate p of `size`; -1 if it is none of the sides.
+    /// Number of the plane at coordinate p of `size`; -1 if it is not part of the sides.
     [[nodiscard]] std::int64_t plane_at(std::int64_t p, std::int64_t size) const {
         return p < low ? p : p >= size - high ? low + p - (size - high) : -1;
     }
@@ -55,7 +55,7 @@ std::uint64_t side_bytes(const ArrayInfo& array, const ChunkSides& sides) {
            element_bytes(array);
 }
 
-/// Where node p lies among the sides, in elements; -1 if it is in none.
+/// Position of node p within the sides, in elements; -1 if it is in none of them.
 std::int64_t place_in_sides(const Int3& chunk, const ChunkSides& sides, const Int3& p) {
     const std::array<SideAxis, 3> axes = side_axes(chunk, sides);
     for (int axis = 0; axis < 3; ++axis) {
@@ -68,7 +68,7 @@ std::int64_t place_in_sides(const Int3& chunk, const ChunkSides& sides, const In
     return -1;
 }
 
-/// One plane of a chunk.
+/// Copies one plane of a chunk.
 void copy_plane(const Int3& chunk, int axis, std::int64_t at, std::size_t element,
                 const std::byte* from, std::byte* to) {
     const auto x = static_cast<std::size_t>(chunk.x);
@@ -110,7 +110,7 @@ DecodedChunk ChunkCache::copy_sides(const ArrayInfo& array, const std::byte* who
 void ChunkCache::evict(std::uint64_t incoming) {
     for (auto it = order_.begin(); it != order_.end() && bytes_ + incoming > budget_;) {
         const auto found = entries_.find(*it++);
-        // A chunk that somebody holds would stay in memory anyway.
+        // A chunk held by somebody else would stay in memory anyway.
         if (found->second.chunk != nullptr && found->second.chunk.use_count() == 1) {
             erase(found);
         }
@@ -132,8 +132,8 @@ void ChunkCache::erase(Entries::iterator entry) {
     entries_.erase(entry);
 }
 
-/// REQUIRES: the chunk has an entry that is null, made by this thread; `lock` is held, and is on
-/// return. Throws what ChunkSource::decode throws, and then the entry is gone.
+/// REQUIRES: this thread has made a null entry for the chunk; `lock` is held, and is held again on
+/// return. Throws what ChunkSource::decode throws; the entry is then removed.
 DecodedChunk ChunkCache::decode(const ArrayInfo& array, const Int3& chunk,
                                 std::unique_lock<std::mutex>& lock) {
     lock.unlock();
@@ -156,7 +156,7 @@ DecodedChunk ChunkCache::decode(const ArrayInfo& array, const Int3& chunk,
     return raw;
 }
 
-void ChunkCache::announce(std::span<const NeededChunk> needed) {
+void ChunkCache::prefetch(std::span<const NeededChunk> needed) {
     std::vector<WantedChunk> wanted;
     {
         const std::lock_guard lock(mutex_);
@@ -254,7 +254,7 @@ ChunkPart ChunkCache::part(const ArrayInfo& array, const Int3& chunk, const Int3
     const std::uint64_t bytes = array.chunk_bytes() + kEntryOverhead;
     insert(key, bytes);
     const DecodedChunk raw = decode(array, chunk, lock);
-    // What others need soon makes no room for the inside of a chunk of which nobody asked for it.
+    // The inside of a chunk that nobody asked for must not displace chunks that others need soon.
     const std::uint64_t sides_size = side_bytes(array, sides_) + kEntryOverhead;
     if (bytes_ <= budget_ || 2 * sides_size > bytes) {
         evict(0);
@@ -289,7 +289,7 @@ void ChunkCache::keep_sides(const ArrayInfo& array, const Int3& chunk) {
     }
     const DecodedChunk sides = copy_sides(array, whole.get());
 
-    // `whole` goes last, after the lock: freeing takes a while.
+    // `whole` is released last, after the lock, because freeing takes time.
     const std::lock_guard lock(mutex_);
     const auto found = entries_.find(key);
     constexpr long kOursAndItsOwn = 2;

@@ -12,7 +12,7 @@
 
 #include <isonest/error.h>
 
-#include "store/base/simd.h"
+#include "store/base/vectors.h"
 
 namespace isonest::detail {
 namespace {
@@ -35,7 +35,7 @@ struct Unpacking {
     std::vector<std::byte> shuffled;
 };
 
-/// Of a thread: a context is dear to make.
+/// One state per thread, because creating a context is expensive.
 template <class State>
 State& thread_state() {
     thread_local State state;
@@ -46,7 +46,7 @@ State& thread_state() {
 template <class Word>
 [[gnu::always_inline]] inline void shuffle_words(const std::byte* from, std::byte* to,
                                                  std::size_t count) {
-    constexpr std::size_t kBlock = 4096;  // stays in the first cache while it is read again
+    constexpr std::size_t kBlock = 4096;  // stays in the L1 cache while it is read again
     for (std::size_t start = 0; start < count; start += kBlock) {
         const std::size_t n = std::min(kBlock, count - start);
         const Word* const words = reinterpret_cast<const Word*>(from) + start;
@@ -69,7 +69,7 @@ ISONEST_SIMD void shuffle8(const std::byte* from, std::byte* to, std::size_t cou
     shuffle_words<std::uint64_t>(from, to, count);
 }
 
-/// As one expression: a loop over the bytes of a word is not vectorised.
+/// A single expression, because a loop over the bytes of a word is not vectorised.
 template <class Word, std::size_t... Byte>
 [[gnu::always_inline]] inline void unshuffle_words(const std::byte* from, std::byte* to,
                                                    std::size_t count,

@@ -4,13 +4,112 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
+#include <limits>
+#include <numbers>
 
 #include <isonest/error.h>
 
-#include "store/container/extent.h"
-#include "store/container/indicator_code.h"
+#include "store/base/vectors.h"
+#include "store/container/codec.h"
 
 namespace isonest::detail {
+
+std::string why_no_place(const Int3& nodes, const Double3& spacing, const Double3& origin) {
+    const std::string given = fmt::format("spacing {} {} {} and origin {} {} {}", spacing[0],
+                                          spacing[1], spacing[2], origin[0], origin[1], origin[2]);
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        const double last = origin[a] + spacing[a] * static_cast<double>(nodes[axis] - 1);
+        if (!(spacing[a] >= kMinSpacing && spacing[a] <= kMaxSpacing) ||
+            !(std::fabs(origin[a]) <= kMaxCoordinate && std::fabs(last) <= kMaxCoordinate)) {
+            return fmt::format(
+                "{}: spacings from {:g} to {:g} and coordinates from {:g} to {:g} are "
+                "possible",
+                given, kMinSpacing, kMaxSpacing, -kMaxCoordinate, kMaxCoordinate);
+        }
+        const double reach = std::max(std::fabs(origin[a]), std::fabs(last));
+        if (nodes[axis] > 1 && reach <= std::numeric_limits<float>::max() &&
+            static_cast<float>(last) == static_cast<float>(origin[a])) {
+            const auto at = static_cast<float>(reach);
+            return fmt::format(
+                "{}: all {} coordinates of {} are equal as 32-bit floats, which are {:.3g} apart "
+                "there; use a larger spacing or an origin near 0",
+                given, nodes[axis], "xyz"[axis], at - std::nextafter(at, 0.0F));
+        }
+    }
+    return {};
+}
+
+std::string why_no_directions(const Int3& nodes, const Directions& direction) {
+    if (!span_space(direction)) {
+        return "its directions are not a right-handed basis of unit vectors";
+    }
+    if (are_directions(direction)) {
+        return {};
+    }
+    constexpr double kRounding = 1e-12;
+    for (std::size_t a = 0; a < 3; ++a) {
+        const double off = std::max(std::fabs(dot(direction[a], direction[(a + 1) % 3])),
+                                    std::fabs(dot(direction[a], direction[(a + 2) % 3])));
+        if (nodes[static_cast<int>(a)] == 1 && off > kRounding) {
+            return fmt::format(
+                "its direction along {}, where it has one node, is not at right angles to the "
+                "others",
+                "xyz"[a]);
+        }
+    }
+    return {};
+}
+
+double diagonal_of(const StoreHeader& header) {
+    const LatticeSteps steps = header.steps();
+    if (steps.is_sheared()) {
+        LatticeSteps whole = steps;
+        const Int3 cells = header.nodes - Int3{1, 1, 1};
+        const auto x = static_cast<double>(cells.x);
+        const auto y = static_cast<double>(cells.y);
+        const auto z = static_cast<double>(cells.z);
+        whole.along = {steps.along[0] * x, steps.along[1] * y, steps.along[2] * z};
+        whole.y_along_x *= y;
+        whole.z_along_x *= z;
+        whole.z_along_y *= z;
+        return whole.diagonal();
+    }
+    const Double3 last = last_position(header);
+    return hypot3(last[0] - header.origin[0], last[1] - header.origin[1],
+                  last[2] - header.origin[2]);
+}
+
+std::string sheared_axes(const Int3& nodes, const std::array<Double3, 3>& steps) {
+    double worst = 0;
+    std::string text;
+    for (std::size_t a = 0; a < 2; ++a) {
+        for (std::size_t b = a + 1; b < 3; ++b) {
+            const double cosine =
+                dot(steps.at(a), steps.at(b)) / (length(steps.at(a)) * length(steps.at(b)));
+            const double angle = std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / std::numbers::pi;
+            constexpr double kRight = 90;
+            const bool flat = nodes[static_cast<int>(a)] == 1 || nodes[static_cast<int>(b)] == 1;
+            if (!flat && std::fabs(angle - kRight) > worst) {
+                worst = std::fabs(angle - kRight);
+                text = fmt::format("{} and {} meet at {:.4g} degrees", "xyz"[a], "xyz"[b], angle);
+            }
+        }
+    }
+    return text;
+}
+
+void require_right_angles(const Directions& direction, const std::string& name,
+                          const std::string& what) {
+    if (!are_directions(direction)) {
+        throw Error(ErrorKind::unsupported, {name},
+                    fmt::format("{} needs axes at right angles, but this volume is sheared; "
+                                "resample it on an orthogonal lattice",
+                                what));
+    }
+}
+
 namespace {
 
 void validate(const StoreHeader& header) {
@@ -87,7 +186,7 @@ StoreLayout::StoreLayout(const StoreHeader& header) : header_(header) {
             }
             arrays_.push_back(indicator);
         }
-        // The grid of an indicator.
+        // Unknown fields have the chunk grid of an indicator.
         rows_ += header_.unknown_fields.size() *
                  static_cast<std::uint64_t>(
                      ceil_div(values.nodes, min(values.nodes, {k / 2, k / 2, k / 2})).product());

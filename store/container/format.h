@@ -1,8 +1,12 @@
-// What a store contains and where, derived from its header alone. FORMAT.md is the normative text.
+// Contents and layout of a store, derived from its header alone. FORMAT.md is normative.
 #pragma once
 
+#include <array>
+#include <cmath>
 #include <compare>
+#include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -12,16 +16,73 @@
 #include <isonest/int3.h>
 #include <isonest/length_unit.h>
 #include <isonest/value_type.h>
+#include <isonest/volume_source.h>
 
+#include "store/base/vectors.h"
 #include "store/container/codec.h"
-#include "store/container/cube_range.h"
 #include "store/lattice/lattice.h"
 
 namespace isonest::detail {
 
+// Bounds on the values within each cube of the coarser levels.
+//
+// Source: Gerstner, Rumpf, Weikard (2000), section 5: beta_0 excludes an element that the
+// isosurface cannot reach. A bound on the distance from the element's linear function applies to
+// both sides of it; if a few extremes lie far on one side, the range of the values themselves
+// excludes more.
+
+/// The finest level whose cubes have ranges: cubes of 8^3 finest cells.
+inline constexpr int kFirstRangeLevel = 3;
+inline constexpr std::int64_t kFirstRangeEdge = std::int64_t{1} << kFirstRangeLevel;
+
+/// The smallest and largest value at the nodes of a closed cube, ignoring NaN; (+inf, -inf) if
+/// there are none.
+struct CubeRange {
+    float low = std::numeric_limits<float>::infinity();
+    float high = -std::numeric_limits<float>::infinity();
+
+    bool operator==(const CubeRange&) const = default;
+    /// Whether the cube may contain values below the isovalue and values not below it.
+    [[nodiscard]] bool may_hold(double iso) const {
+        return static_cast<double>(low) < iso && static_cast<double>(high) >= iso;
+    }
+    void include(const CubeRange& other) {
+        low = other.low < low ? other.low : low;
+        high = other.high > high ? other.high : high;
+    }
+};
+static_assert(sizeof(CubeRange) == 8);
+
+/// The narrowest range that contains both numbers.
+inline CubeRange cube_range_around(double low, double high) {
+    CubeRange range{static_cast<float>(low), static_cast<float>(high)};
+    constexpr float kInfinity = std::numeric_limits<float>::infinity();
+    if (static_cast<double>(range.low) > low) {
+        range.low = std::nextafter(range.low, -kInfinity);
+    }
+    if (static_cast<double>(range.high) < high) {
+        range.high = std::nextafter(range.high, kInfinity);
+    }
+    return range;
+}
+
+/// The type in which both numbers are stored: the type of the values if binary32 can represent all
+/// of its numbers, else binary32, rounded outward.
+inline ValueType cube_range_type(ValueType values) {
+    return size_of(values) <= 2 ? values : ValueType::f32;
+}
+inline std::size_t cube_range_bytes(ValueType values) {
+    return 2 * size_of(cube_range_type(values));
+}
+
+/// Whether the cubes of a level have ranges.
+inline bool has_cube_ranges(const Lattice& lattice, int level) {
+    return lattice.dimension() == 3 && level >= kFirstRangeLevel && level <= lattice.top();
+}
+
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 10;
-/// Of the format in which a store is written.
+inline constexpr std::uint32_t kFormatMinor = 11;
+/// The version of the format in which a store is written.
 struct FormatVersion {
     std::uint64_t major = kFormatMajor;
     std::uint64_t minor = kFormatMinor;
@@ -31,10 +92,13 @@ struct FormatVersion {
     }
     auto operator<=>(const FormatVersion&) const = default;
 };
-/// Bit of `flags`: the axes are not along the world's, the attribute `direction` says how.
+/// Bit of `flags`: the axes are not parallel to the world's axes; the attribute `direction` gives
+/// them.
 inline constexpr std::uint32_t kHasDirection = 1;
-/// Bit of `flags`: the values stand for labels of up to 62 bits (store/base/label_bits.h).
+/// Bit of `flags`: the values represent labels of up to 62 bits (store/base/label_text.h).
 inline constexpr std::uint32_t kHasLabels = 2;
+/// Bit of `flags`: the axes in `direction` are not at right angles.
+inline constexpr std::uint32_t kIsSheared = 4;
 inline constexpr const char* kFormatName = "isonest";
 inline constexpr unsigned kZstdFilter = 32015;
 inline constexpr int kMinChunk = 8;
@@ -46,20 +110,34 @@ struct StoreHeader {
     ValueType type = ValueType::f32;
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
-    Directions direction = kAlongWorld;                ///< since version 2.5
+    Directions direction = kAlongWorld;                ///< since version 2.5; sheared: 2.11
     bool labels = false;                               ///< since version 2.6
-    std::optional<LengthUnit> unit = {};               ///< of length; since version 2.7
-    AnatomicalFrame frame = AnatomicalFrame::unknown;  ///< of the world; since version 2.10
-    bool label_names = false;  ///< there is a table of names of labels; since version 2.8
+    std::optional<LengthUnit> unit = {};               ///< unit of length; since version 2.7
+    AnatomicalFrame frame = AnatomicalFrame::unknown;  ///< of the world axes; since version 2.10
+    bool label_names = false;  ///< there is a table of label names; since version 2.8
     int chunk = 64;            ///< nodes per axis of a chunk of values: a power of two in 8..256
     int compression = 1;
     bool exact = false;         ///< indicators as binary32 instead of 16-bit codes
     bool cube_ranges = true;    ///< since version 2.2
     bool outward = true;        ///< since version 2.3: see StoreLayout::rounds_outward()
     std::vector<Field> fields;  ///< the indicators, in the order of the enumeration
-    /// Indicators of a newer minor version: they have rows in the chunk table, behind those of
+    /// Indicators of a newer minor version. They have rows in the chunk table, after those of
     /// `fields` on each level, and are not read.
     std::vector<std::string> unknown_fields = {};
+
+    /// Whether the axes are not at right angles.
+    [[nodiscard]] bool is_sheared() const { return !are_directions(direction); }
+    /// Directions of the volume's own axes (store/base/vectors.h).
+    [[nodiscard]] Directions rotation() const { return own_directions(direction); }
+    /// Steps in own axes: node p lies at origin + steps().vector(p).
+    [[nodiscard]] LatticeSteps steps() const { return {spacing, direction, rotation()}; }
+    /// The lowest version that supports everything in the header: stores that an older reader can
+    /// open keep its version.
+    [[nodiscard]] FormatVersion version() const {
+        constexpr std::uint32_t kWithoutShear = 10;
+        constexpr std::uint32_t kSheared = 11;
+        return {kFormatMajor, is_sheared() ? kSheared : kWithoutShear};
+    }
 };
 
 /// One row of the chunk table, as stored (little endian, 40 bytes).
@@ -93,9 +171,9 @@ struct ArrayInfo {
     [[nodiscard]] std::uint64_t row_of(const Int3& c) const {
         return first_row + static_cast<std::uint64_t>(grid.linear(c));
     }
-    /// A chunk that zstd cannot shrink takes a little more than its bytes; what takes more than
-    /// this is none.
-    [[nodiscard]] std::size_t most_stored_bytes() const { return 2 * chunk_bytes() + 4096; }
+    /// Maximum stored size of a chunk: one that zstd cannot shrink takes a little more than its
+    /// decoded bytes. A larger size is an error.
+    [[nodiscard]] std::size_t max_stored_bytes() const { return 2 * chunk_bytes() + 4096; }
     [[nodiscard]] bool has_chunk(const Int3& c) const {
         return min(c, {0, 0, 0}) == Int3{0, 0, 0} && max(c + Int3{1, 1, 1}, grid) == grid;
     }
@@ -115,7 +193,7 @@ struct ArrayInfo {
 class StoreLayout {
   public:
     StoreLayout() = default;
-    /// Throws Error{invalid_argument, unsupported} for a header that makes no sense.
+    /// Throws Error{invalid_argument, unsupported} for an invalid header.
     explicit StoreLayout(const StoreHeader& header);
 
     [[nodiscard]] const StoreHeader& header() const { return header_; }
@@ -123,18 +201,18 @@ class StoreLayout {
     [[nodiscard]] const std::vector<ArrayInfo>& arrays() const { return arrays_; }
     [[nodiscard]] std::uint64_t rows() const { return rows_; }
     [[nodiscard]] bool has(Field field) const;
-    /// Whether the cubes of this level have ranges in the store.
+    /// Whether the store has ranges of the cubes of this level.
     [[nodiscard]] bool has_cube_ranges(int level) const {
         return header_.cube_ranges && isonest::detail::has_cube_ranges(lattice_, level);
     }
-    /// Whether the offsets of level 1 are rounded outward (store/base/outward.h) where the values
-    /// say them, as those that are stored.
+    /// Whether offsets of level 1 that are computed from the values are rounded outward
+    /// (store/base/vectors.h), like the stored ones.
     [[nodiscard]] bool rounds_outward() const {
         return header_.outward && header_.type == ValueType::f64;
     }
-    /// The tightest field that is_bound(); none if the store has no such field.
+    /// The tightest field for which is_bound() is true; nullopt if the store has none.
     [[nodiscard]] std::optional<Field> tightest_bound() const;
-    /// Throws Error{not_found} listing the fields there are.
+    /// Throws Error{not_found} listing the existing levels or fields.
     [[nodiscard]] const ArrayInfo& array(int level, Field field) const;
     /// The HDF5 path, "/levels/2/linf_bar".
     [[nodiscard]] static std::string path_of(const ArrayInfo& array);
@@ -151,5 +229,59 @@ class StoreLayout {
 
 /// Bytes of the largest decoded chunk of all arrays.
 std::size_t largest_chunk_bytes(const StoreLayout& layout);
+
+// The position of a volume in the world.
+
+/// Limits of node distances, and of the absolute value of coordinates. Below kMinSpacing, the
+/// 32-bit floats of meshes would become 0; above the maxima, squares of distances would not be
+/// finite. (Meshes of volumes beyond the range of 32-bit floats are refused when they are
+/// requested.)
+inline constexpr double kMinSpacing = 1e-30;
+inline constexpr double kMaxSpacing = 1e100;
+inline constexpr double kMaxCoordinate = 1e110;
+
+/// Empty if a volume can have this position; otherwise what is wrong and what is possible. It is
+/// invalid if the first and last node of an axis have the same coordinate as 32-bit floats.
+std::string why_no_place(const Int3& nodes, const Double3& spacing, const Double3& origin);
+
+/// Why the axes cannot have these world directions; empty if they can. They must be right-handed
+/// unit vectors that span space; an axis with one node must be at right angles to the others.
+std::string why_no_directions(const Int3& nodes, const Directions& direction);
+
+/// Position of the last node in the volume's own axes. The rotation is about the first node, at the
+/// header's origin.
+inline Double3 last_position(const StoreHeader& header) {
+    const Int3 cells = header.nodes - Int3{1, 1, 1};
+    const Double3 way = header.steps().vector(
+        {static_cast<double>(cells.x), static_cast<double>(cells.y), static_cast<double>(cells.z)});
+    return {header.origin[0] + way[0], header.origin[1] + way[1], header.origin[2] + way[2]};
+}
+
+/// The header of a store of this volume, with its nodes and position.
+inline StoreHeader header_of(const VolumeDescription& volume) {
+    StoreHeader header;
+    header.nodes = volume.nodes;
+    header.type = volume.type;
+    header.spacing = volume.spacing;
+    header.origin = volume.origin;
+    header.direction = volume.direction;
+    header.labels = volume.labels;
+    header.unit = volume.unit;
+    header.frame = volume.frame;
+    return header;
+}
+
+/// Length of the volume's longest diagonal in world units.
+double diagonal_of(const StoreHeader& header);
+
+/// "x and z meet at 71.5 degrees": describes the pair of axes that is farthest from a right angle.
+/// `steps`: vectors along the axes, of any length. Axes with one node are ignored; empty if no
+/// other axes meet at another angle than 90 degrees.
+std::string sheared_axes(const Int3& nodes, const std::array<Double3, 3>& steps);
+
+/// Throws Error{unsupported} unless the axes are at right angles. `what`: the operation that
+/// requires it, "smoothing".
+void require_right_angles(const Directions& direction, const std::string& name,
+                          const std::string& what);
 
 }  // namespace isonest::detail

@@ -9,10 +9,13 @@
 #include <vector>
 
 #include <isonest/error.h>
+#include <isonest/store.h>
 
-#include "store/bytes/file_bytes.h"
-#include "store/bytes/read_whole.h"
-#include "store/container/header_reader.h"
+#include "store/base/label_text.h"
+#include "store/base/length_unit.h"
+#include "store/bytes/store_bytes.h"
+#include "store/container/parts/header_reader.h"
+#include "store/remote/open_location.h"
 
 namespace isonest::detail {
 
@@ -90,10 +93,10 @@ std::optional<CubeRange> StoreReader::cube_range(int level, const Int3& cube) co
 ChunkRow StoreReader::row(const ArrayInfo& array, const Int3& chunk) const {
     const ChunkRow row = table_.row(array.row_of(chunk));
     if (!lies_within(row.offset, row.bytes, file_bytes())) {
-        fail_corrupt(array.place(chunk), "lies outside the file; it was cut off");
+        fail_corrupt(array.place(chunk), "lies outside the file, which is cut off");
     }
-    if (row.bytes > array.most_stored_bytes()) {
-        fail_corrupt(array.place(chunk), "damaged: no chunk is stored in as many bytes as it says");
+    if (row.bytes > array.max_stored_bytes()) {
+        fail_corrupt(array.place(chunk), "damaged: invalid stored size of a chunk");
     }
     return row;
 }
@@ -123,7 +126,7 @@ void StoreReader::decode(const ArrayInfo& array, const Int3& chunk,
     const ChunkRow r = row(array, chunk);
     const auto held = read_whole(*bytes_, {r.offset, r.bytes}, r.checksum);
     if (!held) {
-        fail_corrupt(array.place(chunk), "damaged: its bytes are not those that were written");
+        fail_corrupt(array.place(chunk), "damaged: checksum mismatch: its bytes have changed");
     }
     decode_chunk(held->bytes(), array.codec, raw, {path_.string(), array.place(chunk)});
 }
@@ -155,3 +158,101 @@ void StoreReader::prefetch_all(std::span<const WantedChunk> chunks) const {
 }
 
 }  // namespace isonest::detail
+
+namespace isonest {
+namespace detail {
+namespace {
+
+/// A store's value as its user sees it: for labels the label, rounded above 2^53.
+double number_of(const StoreReader& store, double value) {
+    return store.layout().header().labels && std::isfinite(value)
+               ? static_cast<double>(label_of_value(value))
+               : value;
+}
+
+}  // namespace
+}  // namespace detail
+
+Store::Store(const std::filesystem::path& location, const RemoteAccess& remote)
+    : cache_(detail::open_cache(location, remote)),
+      reader_(std::make_unique<const detail::StoreReader>(
+          detail::open_location(location, remote, cache_))) {}
+Store::Store(Store&& other) noexcept = default;
+Store& Store::operator=(Store&& other) noexcept = default;
+Store::~Store() = default;
+
+const std::filesystem::path& Store::path() const {
+    return reader_->path();
+}
+bool Store::is_remote() const {
+    return reader_->bytes().is_remote();
+}
+FetchedCounts Store::fetched() const {
+    return reader_->bytes().fetched();
+}
+std::string Store::cache_warning() const {
+    return detail::cache_warning(cache_.get());
+}
+Int3 Store::nodes() const {
+    return reader_->layout().header().nodes;
+}
+ValueType Store::type() const {
+    return reader_->layout().header().type;
+}
+Directions Store::direction() const {
+    return reader_->layout().header().direction;
+}
+Double3 Store::spacing() const {
+    return reader_->layout().header().spacing;
+}
+Double3 Store::origin() const {
+    return reader_->layout().header().origin;
+}
+std::optional<LengthUnit> Store::unit() const {
+    return reader_->layout().header().unit;
+}
+AnatomicalFrame Store::frame() const {
+    return reader_->layout().header().frame;
+}
+double Store::world_units(double length, LengthUnit given) const {
+    return detail::world_units(length, given, unit(), path().string());
+}
+int Store::levels() const {
+    return reader_->layout().lattice().top() + 1;
+}
+const std::vector<Field>& Store::fields() const {
+    return reader_->layout().header().fields;
+}
+double Store::min_value() const {
+    return detail::number_of(*reader_, reader_->min_value());
+}
+double Store::max_value() const {
+    return detail::number_of(*reader_, reader_->max_value());
+}
+bool Store::has_missing() const {
+    return reader_->has_missing();
+}
+std::vector<LabelName> Store::label_names() const {
+    const detail::LabelTable& table = reader_->label_names();
+    std::vector<LabelName> names;
+    names.reserve(table.size());
+    for (std::size_t i = 0; i < table.size(); ++i) {
+        names.push_back(table.at(i));
+    }
+    return names;
+}
+std::optional<LabelName> Store::label_name(std::int64_t id) const {
+    return reader_->label_names().find(id);
+}
+std::vector<std::int64_t> Store::labels_named(std::string_view name) const {
+    const detail::LabelTable& table = reader_->label_names();
+    std::vector<std::int64_t> ids;
+    for (std::size_t i = 0; !name.empty() && i < table.size(); ++i) {
+        if (const LabelName label = table.at(i); label.name == name) {
+            ids.push_back(label.id);
+        }
+    }
+    return ids;
+}
+
+}  // namespace isonest

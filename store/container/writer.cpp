@@ -23,19 +23,13 @@
 #include <isonest/field.h>
 #include <isonest/value_type.h>
 
-#include "store/container/footer/append_footer.h"
-#include "store/container/footer/make_catalogue.h"
-#include "store/container/hdf5_types.h"
-#include "store/container/header_writer.h"
-#include "store/container/writing/cube_range_writer.h"
-#include "store/container/writing/label_name_writer.h"
-#include "store/container/writing/written_file.h"
-#include "store/files/early_write_back.h"
+#include "store/container/parts/hdf5_types.h"
+#include "store/container/parts/header_writer.h"
+#include "store/container/parts/make_catalogue.h"
 #include "store/files/output_file.h"
 #include "store/files/scratch_file.h"
-#include "store/hdf5/bytes_driver.h"
+#include "store/hdf5/file_drivers.h"
 #include "store/hdf5/handles.h"
-#include "store/hdf5/planned_writes.h"
 #include "store/hdf5/zstd_filter.h"
 
 namespace isonest::detail {
@@ -46,7 +40,8 @@ struct StoreWriter::Impl {
     StoreLayout layout;
     PlannedWrites planned;
     bool is_planned;
-    std::unique_ptr<std::byte[]> nothing;  ///< in place of a planned chunk's bytes; never touched
+    std::unique_ptr<std::byte[]> nothing;  ///< passed in place of a planned chunk's bytes; never
+                                           ///< accessed
     std::uint32_t nothing_bytes = 0;
     FileHandle file;
     std::vector<DatasetHandle> datasets;  // one per array; invalid for aliases
@@ -56,7 +51,7 @@ struct StoreWriter::Impl {
     EarlyWriteBack early;
     std::uint64_t written = 0;
     int ranged = kFirstRangeLevel;  ///< the next level whose ranges are to be written
-    bool named = false;             ///< the names of labels were written
+    bool named = false;             ///< the label names were written
     mutable std::mutex hdf5;
 
     Impl(const std::filesystem::path& target, const StoreHeader& header, bool force,
@@ -235,10 +230,10 @@ void StoreWriter::write_chunk(const ArrayInfo& array, const Int3& chunk,
         const std::lock_guard lock(impl_->hdf5);
         const QuietHdf5 quiet;
         const hid_t dataset = impl_->datasets[index].get();
-        // Asking HDF5 for a chunk's address walks its index, O(chunks) for each. A new chunk is
-        // allocated at the end of the file, so its address is the size before the write; reading
-        // the bytes back proves it, and where it is not so (the first chunk of an index), HDF5 is
-        // asked.
+        // Asking HDF5 for a chunk's address searches its index, O(chunks) for each chunk. A new
+        // chunk is allocated at the end of the file, so its address is the file size before the
+        // write. Reading the bytes back verifies this; if it does not hold (the first chunk of an
+        // index), HDF5 is asked.
         hsize_t end = 0;
         H5Fget_filesize(impl_->file.get(), &end);
         if (H5Dwrite_chunk(dataset, H5P_DEFAULT, 0, at.data(), encoded.size(), encoded.data()) <

@@ -1,4 +1,5 @@
-// Writes a store: chunks in any order, then the table; whole under its name or not at all.
+// Writes a store: chunks in any order, then the table. It appears complete under its name or not at
+// all.
 #pragma once
 
 #include <filesystem>
@@ -11,10 +12,10 @@
 
 namespace isonest::detail {
 
-/// Who writes the chunks of a store into its file.
+/// How chunks get into the file.
 enum class ChunkWriting {
-    here,      ///< write_chunk()
-    elsewhere  ///< others, where plan_chunk() says
+    here,      ///< by write_chunk()
+    elsewhere  ///< by others, at the places chosen by plan_chunk()
 };
 
 /// A store that is being written under a temporary name beside its final one.
@@ -28,33 +29,33 @@ class StoreWriter : public ChunkSource {
     ~StoreWriter() override;
 
     [[nodiscard]] const StoreLayout& layout() const override;
-    /// Appends one encoded chunk. `row` brings flags, min and max; offset, size and checksum are
-    /// filled in. REQUIRES: each chunk of a non-alias array exactly once.
-    /// Throws Error{io}.
+    /// Appends one encoded chunk. `row` provides flags, min and max; offset, size and checksum are
+    /// filled in. REQUIRES: each chunk of a non-alias array is written exactly once. Throws
+    /// Error{io}.
     void write_chunk(const ArrayInfo& array, const Int3& chunk, std::span<const std::byte> encoded,
                      ChunkRow row);
-    /// The chunk table, for planned chunks: whoever plans fills in all but the offsets.
+    /// The chunk table, for planned chunks: the caller fills in everything except the offsets.
     [[nodiscard]] std::span<ChunkRow> rows();
-    /// Chooses the place of a chunk whose row has its size, as write_chunk() would if it was called
+    /// Chooses the place of a chunk whose row contains its size, as write_chunk() would if called
     /// for the same chunks in the same order, and fills in the offset. REQUIRES:
     /// ChunkWriting::elsewhere; each chunk of a non-alias array exactly once. Throws Error{io}.
     void plan_chunk(const ArrayInfo& array, const Int3& chunk);
-    /// The ranges of a level's cubes, [z][y][x]. REQUIRES: once for each level that has them, in
-    /// ascending order, after all chunks. Throws Error{io}.
+    /// Writes the ranges of a level's cubes, [z][y][x]. REQUIRES: called once for each level that
+    /// has ranges, in ascending order, after all chunks. Throws Error{io}.
     void write_cube_ranges(int level, std::span<const CubeRange> ranges);
-    /// Names and colours of labels. REQUIRES: once if the header says that there are some, after
-    /// all chunks; by rising ids. Throws Error{io}, and Error{invalid_argument} for what cannot be
-    /// one.
+    /// Writes names and colours of labels, by ascending ids. REQUIRES: called once if the header
+    /// says that there are label names, after all chunks. Throws Error{io}, and
+    /// Error{invalid_argument} for invalid names.
     void write_label_names(std::span<const LabelName> names);
     [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override;
     void decode(const ArrayInfo& array, const Int3& chunk, std::span<std::byte> raw) const override;
     [[nodiscard]] std::uint64_t bytes_written() const;
 
-    /// The unfinished file's name.
+    /// Name of the unfinished file.
     [[nodiscard]] const std::filesystem::path& temporary() const;
-    /// The unfinished file stays.
+    /// Keeps the unfinished file.
     void keep();
-    /// Writes table and completeness mark, syncs, renames. Throws Error{io}.
+    /// Writes the table and the completeness mark, syncs and renames. Throws Error{io}.
     void finish();
 
   private:
@@ -62,9 +63,9 @@ class StoreWriter : public ChunkSource {
     std::unique_ptr<Impl> impl_;
 };
 
-/// For main(), before anything else: HDF5 then closes nothing at exit. All of isonest's files are
-/// closed by their owners; without this call, HDF5 1.10 would try a close that failed (a full disk)
-/// once more at exit, and crash.
+/// To be called at the start of main(): HDF5 then closes nothing at exit. All files are closed by
+/// their owners; without this call, HDF5 1.10 would repeat a failed close (full disk) at exit, and
+/// crash.
 void leave_hdf5_alone_at_exit();
 
 }  // namespace isonest::detail

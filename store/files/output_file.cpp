@@ -10,10 +10,12 @@
 #include <cstring>
 #include <optional>
 #include <string_view>
+#include <system_error>
+#include <utility>
 
 #include <isonest/error.h>
 
-#include "store/files/open_shared.h"
+#include "store/files/open_file.h"
 
 namespace isonest::detail {
 namespace {
@@ -51,7 +53,7 @@ class Descriptor {
     int fd_;
 };
 
-/// What lies under a name itself, not where it leads; nothing if it is free.
+/// Status of what has this name, without following links; nullopt if the name is free.
 std::optional<struct stat> status_of(const std::filesystem::path& path) {
     struct stat status {};
     if (::lstat(path.c_str(), &status) == 0) {
@@ -77,7 +79,7 @@ constexpr mode_t kPermissions = S_IRWXU | S_IRWXG | S_IRWXO;
 
 [[noreturn]] void never_replaced(const std::filesystem::path& path, const std::string& what) {
     throw Error(ErrorKind::invalid_argument, {path.string()},
-                fmt::format("is {}, and only regular files are replaced", what),
+                fmt::format("is {}; only regular files can be replaced", what),
                 {{RemedyKind::other_name}});
 }
 
@@ -93,12 +95,12 @@ void require_regular(const std::filesystem::path& path, mode_t mode) {
         const std::string to = std::filesystem::read_symlink(path, ignored).string();
         never_replaced(path, std::filesystem::exists(path, ignored)
                                  ? fmt::format("a link to {}", to)
-                                 : fmt::format("a link to {}, where there is nothing", to));
+                                 : fmt::format("a broken link to {}", to));
     }
     never_replaced(path, S_ISFIFO(mode) ? "a FIFO" : S_ISSOCK(mode) ? "a socket" : "a device");
 }
 
-/// The permissions of `old`, and its owner and group where that is allowed.
+/// Copies the permissions of `old`, and its owner and group if that is allowed.
 void keep_permissions(int fd, const std::filesystem::path& path, const struct stat& old) {
     struct stat mine {};
     if (::fstat(fd, &mine) != 0) {
@@ -106,7 +108,7 @@ void keep_permissions(int fd, const std::filesystem::path& path, const struct st
     }
     mode_t mode = old.st_mode & kPermissions;
     if (mine.st_gid != old.st_gid && ::fchown(fd, static_cast<uid_t>(-1), old.st_gid) != 0) {
-        // What the old group could do is not for another one.
+        // Permissions of the old group must not apply to another group.
         mode &= ~static_cast<mode_t>(S_IRWXG) | ((mode & S_IRWXO) << 3U);
     }
     if ((mine.st_mode & kPermissions) != mode && ::fchmod(fd, mode) != 0 && errno != EPERM &&
@@ -118,12 +120,12 @@ void keep_permissions(int fd, const std::filesystem::path& path, const struct st
     }
 }
 
-/// File systems have names of up to 255 bytes, and the temporary one is longer: of long names, the
-/// beginning and a number that only this name has.
+/// File systems permit names of up to 255 bytes, and the temporary name is longer. Long names are
+/// replaced by their beginning and a hash.
 std::string shortened(const std::string& name) {
-    constexpr std::size_t kMost = 200;
+    constexpr std::size_t kMax = 200;
     constexpr std::size_t kKept = 180;
-    if (name.size() <= kMost) {
+    if (name.size() <= kMax) {
         return name;
     }
     std::uint64_t number = 0xcbf29ce484222325U;  // FNV-1a
@@ -143,7 +145,7 @@ std::filesystem::path temporary_prefix(const std::filesystem::path& path) {
 }
 
 std::filesystem::path temporary_name(const std::filesystem::path& path) {
-    // In containers, process ids come again: what another run left is not to be overwritten.
+    // In containers, process ids are reused: files left by another run must not be overwritten.
     const std::string first = (temporary_prefix(path) += std::to_string(::getpid())).string();
     std::string name = first;
     std::error_code ignored;
@@ -174,8 +176,7 @@ void check_output(const std::filesystem::path& path, bool force,
     for (const std::filesystem::path& input : inputs) {
         if (std::filesystem::equivalent(path, input, ignored)) {
             throw Error(ErrorKind::invalid_argument, {path.string()},
-                        "is read, and would be lost if it were also the output",
-                        {{RemedyKind::other_name}});
+                        "is an input and cannot also be the output", {{RemedyKind::other_name}});
         }
     }
     require_regular(path, there->st_mode);
@@ -187,7 +188,7 @@ void check_output(const std::filesystem::path& path, bool force,
 UnfinishedFile::UnfinishedFile(std::filesystem::path output, bool force)
     : output_(std::move(output)), name_(temporary_name(output_)), force_(force) {
     check_output(output_, force_, {});
-    static_cast<void>(status_of(name_));  // it may be too long where the output's is not
+    static_cast<void>(status_of(name_));  // it may be too long even if the output's is not
 }
 
 UnfinishedFile::~UnfinishedFile() {
@@ -201,7 +202,7 @@ void UnfinishedFile::created() const {
     const std::optional<struct stat> mine = status_of(name_);
     if (old && mine && S_ISREG(old->st_mode)) {
         const mode_t mode = (mine->st_mode & old->st_mode & kPermissions) | S_IRUSR | S_IWUSR;
-        // Where there are no permissions, there is nothing to restrict.
+        // Without permissions in the file system, there is nothing to restrict.
         [[maybe_unused]] const int restricted = ::chmod(name_.c_str(), mode);
     }
 }
@@ -219,7 +220,7 @@ void UnfinishedFile::publish() {
     const unsigned flags = force_ ? 0U : static_cast<unsigned>(RENAME_NOREPLACE);
     int result = ::renameat2(AT_FDCWD, name_.c_str(), AT_FDCWD, output_.c_str(), flags);
     if (result != 0 && errno == EINVAL && !force_) {
-        // The file system has no exclusive rename: a hard link is exclusive as well.
+        // The file system has no exclusive rename, but creating a hard link is exclusive as well.
         result = ::link(name_.c_str(), output_.c_str());
         if (result == 0) {
             ::unlink(name_.c_str());
@@ -276,7 +277,7 @@ const std::filesystem::path& OutputFile::share() {
     if (shared < 0) {
         fail_on(path_, "open", errno);
     }
-    // What was written until now has to be there before others write beside it.
+    // Everything written so far must be on disk before others write beside it.
     int error = ::fsync(fd_) == 0 ? 0 : errno;
     if (::close(fd_) != 0 && error == 0) {
         error = errno;
@@ -292,6 +293,112 @@ void OutputFile::publish_as_named() {
     unfinished_.publish();
     ::close(fd_);
     fd_ = -1;
+}
+
+namespace {
+
+std::filesystem::path without_last_slash(std::filesystem::path path) {
+    return path.has_filename() ? std::move(path) : path.parent_path();
+}
+
+[[noreturn]] void fail_with_folder(const std::filesystem::path& path, const char* what, int error) {
+    throw Error(ErrorKind::io, {path.string()},
+                fmt::format("cannot {}: {}", what, std::strerror(error)));
+}
+
+int rename_with(const std::filesystem::path& from, const std::filesystem::path& to,
+                unsigned flags) {
+    return ::renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), flags) == 0 ? 0 : errno;
+}
+
+}  // namespace
+
+OutputFolder::OutputFolder(std::filesystem::path output, bool force, MayReplace may_replace)
+    : output_(without_last_slash(std::move(output))),
+      force_(force),
+      may_replace_(std::move(may_replace)) {
+    if (!output_.has_filename() || output_.filename() == "." || output_.filename() == "..") {
+        throw Error(ErrorKind::invalid_argument, {output_.string()}, "give a name for the folder",
+                    {{RemedyKind::other_name}});
+    }
+    check();
+    name_ = temporary_name(output_);
+    if (::mkdir(name_.c_str(), S_IRWXU | S_IRWXG | S_IRWXO) != 0) {
+        const int error = errno;
+        const std::filesystem::path parent = output_.parent_path();
+        if (error == ENOENT) {
+            throw Error(ErrorKind::not_found, {output_.string()},
+                        fmt::format("there is no folder {}", parent.string()));
+        }
+        fail_with_folder(output_, "create", error);
+    }
+}
+
+OutputFolder::~OutputFolder() {
+    if (!name_.empty()) {
+        std::error_code ignored;
+        std::filesystem::remove_all(name_, ignored);
+    }
+}
+
+void OutputFolder::check() const {
+    std::error_code error;
+    const std::filesystem::file_status there = std::filesystem::symlink_status(output_, error);
+    if (!std::filesystem::exists(there)) {
+        return;
+    }
+    if (!std::filesystem::is_directory(there)) {
+        throw Error(ErrorKind::invalid_argument, {output_.string()}, "exists and is not a folder",
+                    {{RemedyKind::other_name}});
+    }
+    if (!force_) {
+        throw Error(ErrorKind::invalid_argument, {output_.string()}, "exists",
+                    {{RemedyKind::replace_existing}, {RemedyKind::other_name}});
+    }
+    may_replace_(output_);
+}
+
+void OutputFolder::require_there() const {
+    std::error_code error;
+    if (std::filesystem::symlink_status(name_, error).type() ==
+        std::filesystem::file_type::not_found) {
+        throw Error(ErrorKind::io, {output_.string()},
+                    fmt::format("its unfinished folder, {}, was removed while it was filled",
+                                name_.string()));
+    }
+}
+
+void OutputFolder::publish() {
+    check();
+    int error = rename_with(name_, output_, RENAME_NOREPLACE);
+    if (error == EINVAL) {
+        // The file system has no exclusive rename; rename() replaces only empty folders.
+        error = ::rename(name_.c_str(), output_.c_str()) == 0 ? 0 : errno;
+    }
+    if (error == 0) {
+        name_.clear();
+        return;
+    }
+    if ((error != EEXIST && error != ENOTEMPTY) || !force_) {
+        check();  // reports a folder that has appeared or disappeared meanwhile
+        require_there();
+        fail_with_folder(output_, "give the finished folder its name", error);
+    }
+    // The old folder gets the temporary name, under which the destructor removes it.
+    error = rename_with(name_, output_, RENAME_EXCHANGE);
+    if (error == EINVAL) {
+        const std::filesystem::path old = temporary_name(output_);
+        error = ::rename(output_.c_str(), old.c_str()) == 0 ? 0 : errno;
+        if (error == 0 && ::rename(name_.c_str(), output_.c_str()) != 0) {
+            error = errno;
+            static_cast<void>(::rename(old.c_str(), output_.c_str()));
+        } else if (error == 0) {
+            name_ = old;
+        }
+    }
+    if (error != 0) {
+        fail_with_folder(output_, "replace", error);
+    }
 }
 
 }  // namespace isonest::detail

@@ -8,16 +8,18 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <bit>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
+#include <new>
 #include <string>
 #include <system_error>
 #include <utility>
 
 #include <isonest/error.h>
 
-#include "store/files/read_at.h"
+#include "store/files/open_file.h"
 
 namespace isonest::detail {
 namespace {
@@ -117,7 +119,7 @@ void ScratchFile::close() {
     uncount(counted_);
 }
 
-/// The file reaches as far as that.
+/// Extends the counted size of the file to `end`.
 void ScratchFile::count_to(std::uint64_t end) {
     std::uint64_t before = end_;
     while (end > before) {
@@ -139,7 +141,7 @@ void ScratchFile::uncount(std::uint64_t bytes) const {
 }
 
 void ScratchFile::lock() const {
-    // Other errors: the file system has no locks, for other processes neither.
+    // Other errors: the file system has no locks, also not for other processes.
     while (::flock(fd_, LOCK_EX) != 0 && errno == EINTR) {
     }
 }
@@ -178,7 +180,7 @@ void ScratchFile::reserve(std::uint64_t bytes) {
     if (::fstat(fd_, &status) != 0) {
         fail(folder_, "cannot inspect", errno);
     }
-    // Also fills holes: a store to a hole of a full disk would be a fault.
+    // Also fills holes: writing to a hole on a full disk would be a fault.
     const int error = ::posix_fallocate(fd_, 0, static_cast<off_t>(bytes));
     if (error != 0) {
         fail(folder_, fmt::format("cannot reserve {} bytes", bytes).c_str(), error);
@@ -218,7 +220,7 @@ std::span<std::byte> ScratchFile::map_hole(std::uint64_t bytes) {
 
 void ScratchFile::fill_hole(std::uint64_t offset, std::uint64_t bytes) const {
     int error = bytes == 0 ? 0 : EINTR;
-    while (error == EINTR) {  // some file systems give up at a signal
+    while (error == EINTR) {  // some file systems abort on a signal
         error = ::posix_fallocate(fd_, static_cast<off_t>(offset), static_cast<off_t>(bytes));
     }
     if (error != 0) {
@@ -244,11 +246,123 @@ void ScratchFile::clear() {
 }
 
 void ScratchFile::release(std::uint64_t offset, std::uint64_t bytes) const {
-    // Without this feature the space is in use until the end, nothing worse.
+    // If this is not supported, the space is in use until the end; no other harm.
     if (::fallocate(fd_, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, static_cast<off_t>(offset),
                     static_cast<off_t>(bytes)) == 0) {
         uncount(bytes);
     }
+}
+
+namespace {
+
+/// Number of pieces of one size before the size doubles.
+constexpr std::uint64_t kOfASize = 8;
+/// Bytes of the first piece; a multiple of the page size.
+constexpr std::uint64_t kFirst = std::uint64_t{1} << 18U;
+
+/// Position of a piece in the whole.
+struct Place {
+    std::uint64_t number;
+    std::uint64_t begin;
+    std::uint64_t size;
+};
+
+Place place_of(std::uint64_t offset) {
+    // The pieces of 2^k times the first size start at kOfASize * (2^k - 1) times the first size.
+    constexpr std::uint64_t kGroup = kOfASize * kFirst;
+    const auto k = static_cast<std::uint64_t>(std::bit_width((offset / kGroup + 1) / 2));
+    const std::uint64_t group = kGroup * ((std::uint64_t{1} << k) - 1);
+    const std::uint64_t size = kFirst << k;
+    const std::uint64_t in_group = (offset - group) / size;
+    return {k * kOfASize + in_group, group + in_group * size, size};
+}
+
+void* mapped_nowhere(void* at, std::uint64_t bytes) {
+    const int fixed = at != nullptr ? MAP_FIXED : 0;
+    void* const p =
+        ::mmap(at, bytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE | fixed, -1, 0);
+    if (p == MAP_FAILED) {
+        throw std::bad_alloc();
+    }
+    return p;
+}
+
+}  // namespace
+
+template <class F>
+void PiecedFile::each_piece(std::uint64_t offset, std::uint64_t bytes, const F& f) {
+    while (bytes > 0) {
+        const Place at = place_of(offset);
+        const std::uint64_t here = std::min(bytes, at.begin + at.size - offset);
+        f(at, offset - at.begin, here);
+        offset += here;
+        bytes -= here;
+    }
+}
+
+PiecedFile::PiecedFile(PiecedFile&& other) noexcept
+    : folder_(std::move(other.folder_)),
+      pieces_(std::move(other.pieces_)),
+      map_(std::exchange(other.map_, nullptr)),
+      mapped_(std::exchange(other.mapped_, 0)) {}
+
+PiecedFile::Piece& PiecedFile::piece(std::size_t number) {
+    const std::lock_guard lock(mutex_);
+    if (pieces_.size() <= number) {
+        pieces_.resize(number + 1);
+    }
+    if (!pieces_[number]) {
+        pieces_[number] = std::make_unique<Piece>(folder_);
+    }
+    return *pieces_[number];
+}
+
+void PiecedFile::write_at(std::uint64_t offset, std::span<const std::byte> bytes) {
+    each_piece(offset, bytes.size(),
+               [&](const Place& at, std::uint64_t begin, std::uint64_t count) {
+                   piece(at.number).file.write_at(begin, bytes.first(count));
+                   bytes = bytes.subspan(count);
+               });
+}
+
+std::span<std::byte> PiecedFile::map(std::uint64_t bytes) {
+    unmap();
+    if (bytes == 0) {
+        return {};
+    }
+    map_ = static_cast<std::byte*>(mapped_nowhere(nullptr, bytes));
+    mapped_ = bytes;
+    each_piece(0, bytes, [&](const Place& at, std::uint64_t /*begin*/, std::uint64_t count) {
+        piece(at.number).file.map_at(map_ + at.begin, count);
+    });
+    return {map_, bytes};
+}
+
+void PiecedFile::release(std::uint64_t offset, std::uint64_t bytes) {
+    each_piece(offset, bytes, [&](const Place& at, std::uint64_t /*begin*/, std::uint64_t count) {
+        Piece& released = piece(at.number);
+        const std::uint64_t size = std::min(at.size, mapped_ - at.begin);
+        // Only the thread that completes it closes the piece.
+        const std::uint64_t so_far = released.released.fetch_add(count) + count;
+        if (so_far == size) {
+            mapped_nowhere(map_ + at.begin, size);
+            const std::lock_guard lock(mutex_);
+            pieces_[at.number].reset();
+        }
+    });
+}
+
+void PiecedFile::clear() {
+    unmap();
+    pieces_.clear();
+}
+
+void PiecedFile::unmap() {
+    if (map_ != nullptr) {
+        ::munmap(map_, mapped_);
+    }
+    map_ = nullptr;
+    mapped_ = 0;
 }
 
 }  // namespace isonest::detail

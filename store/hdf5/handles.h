@@ -1,20 +1,22 @@
-// Owning HDF5 handles, and HDF5 failures as exceptions. Private to the store.
+// Owning HDF5 handles, and exceptions for HDF5 failures. Private to the store.
 #pragma once
 
 #include <hdf5.h>
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <utility>
+#include <vector>
 
 namespace isonest::detail {
 
-/// Starts HDF5, once, where there is memory for it: where memory ends while it starts, it crashes.
-/// Whatever calls HDF5 first does so after this, or in the scope of a QuietHdf5. Throws
-/// std::bad_alloc; nothing once HDF5 has started.
+/// Starts HDF5, once, if there is enough memory: HDF5 crashes if it runs out of memory while
+/// starting. The first HDF5 call must come after this call, or in the scope of a QuietHdf5. Throws
+/// std::bad_alloc; never throws once HDF5 has started.
 void start_hdf5();
 
-/// Starts HDF5, and silences its printing on stderr for a scope of the calling thread.
+/// Starts HDF5, and disables its error output on stderr in the calling thread, for a scope.
 class QuietHdf5 {
   public:
     QuietHdf5() {
@@ -54,7 +56,8 @@ class Handle {
             static_cast<void>(close());
         }
     }
-    /// Closes and reports whether that worked, where a failure means lost data.
+    /// Closes and returns whether that succeeded; for handles whose failure to close means lost
+    /// data.
     [[nodiscard]] bool close() { return Close(std::exchange(id_, H5I_INVALID_HID)) >= 0; }
     [[nodiscard]] hid_t get() const { return id_; }
     [[nodiscard]] bool valid() const { return id_ >= 0; }
@@ -71,27 +74,52 @@ using TypeHandle = Handle<H5Tclose>;
 using AttributeHandle = Handle<H5Aclose>;
 using PropertyHandle = Handle<H5Pclose>;
 
-/// HDF5 uses what it could not allocate while it opens or creates a file, and ends the program
-/// (1.10.8, H5AC_create). Throws std::bad_alloc where there is no room for that.
+/// If an allocation fails while HDF5 opens or creates a file, HDF5 uses the null pointer, and ends
+/// the program (1.10.8, H5AC_create). Throws std::bad_alloc if there is not enough memory for that.
 void require_heap_to_open_hdf5();
 
-/// Opens for reading, without a lock: what is read through a map needs none, and some network and
-/// read-only file systems refuse one. Invalid where HDF5 cannot open it.
+/// Opens for reading, without a lock: reading through a map needs none, and some network and
+/// read-only file systems refuse it. The handle is invalid if HDF5 fails.
 FileHandle open_hdf5(const std::filesystem::path& path);
 
-/// The properties of files that we write: HDF5 1.10 objects (their metadata have checksums), and no
-/// lock, because nobody else knows a temporary name.
+/// The properties of files that we write: HDF5 1.10 objects (with checksums of metadata), and no
+/// lock, because nobody else knows the temporary name.
 PropertyHandle written_file_access();
-/// Creates a file that is not there yet, without times, so that its bytes are the same at any time.
-/// Invalid where HDF5 cannot.
+/// Creates a new file, without timestamps, so that its bytes are reproducible. The handle is
+/// invalid if HDF5 fails.
 FileHandle create_hdf5(const std::filesystem::path& path,
                        const PropertyHandle& access = written_file_access());
 
-/// The innermost description on HDF5's error stack, or an empty text. Of a failing system call,
+/// The innermost description on HDF5's error stack, or an empty text. For a failed system call,
 /// what failed and the system's message.
 std::string hdf5_message();
 
-/// "HDF5 cannot open it", with that description if there is one. After open_hdf5().
+/// "HDF5 cannot open it", with that description if there is one. To be called after open_hdf5().
 std::string hdf5_cannot_open();
+
+// A new HDF5 file whose arrays are allocated at once and filled in place later.
+
+/// All arrays are contiguous. Members throw Error{io}. Not thread-safe.
+class Hdf5Frame {
+  public:
+    /// REQUIRES: the file does not exist.
+    explicit Hdf5Frame(const std::filesystem::path& path);
+
+    [[nodiscard]] hid_t file() const { return file_.get(); }
+    [[nodiscard]] GroupHandle group(hid_t where, const char* name) const;
+    /// Returns the offset of the data; 0 for an array without elements.
+    [[nodiscard]] std::uint64_t array(hid_t where, const char* name, hid_t type,
+                                      const std::vector<hsize_t>& dims) const;
+    /// Writes an array of one integer.
+    void number(hid_t where, const char* name, std::uint64_t value) const;
+    /// REQUIRES: all groups are closed.
+    void close();
+
+  private:
+    void check(bool good, const char* what) const;
+
+    std::filesystem::path path_;
+    FileHandle file_;
+};
 
 }  // namespace isonest::detail

@@ -13,13 +13,13 @@ namespace {
 constexpr H5Z_filter_t kId = 32015;
 constexpr unsigned long long kLargest = 0xFFFFFFFFULL;  // HDF5 1.10 chunks are smaller than 4 GiB
 
-/// True if a frame of `bytes` can hold `content`: a block takes at least 4 bytes, and holds at most
-/// 128 KiB (RFC 8878, section 3.1.1.2). HDF5 does not tell a filter what size it expects, so this
-/// is what keeps a damaged header from asking for gigabytes.
+/// True if a frame of `bytes` can contain `content`: a block takes at least 4 bytes, and contains
+/// at most 128 KiB (RFC 8878, section 3.1.1.2). HDF5 does not tell a filter the expected size, so
+/// this check keeps a damaged header from allocating gigabytes.
 bool is_plausible(unsigned long long content, std::size_t bytes) {
-    constexpr unsigned long long kLeastBlock = 4;
+    constexpr unsigned long long kMinBlock = 4;
     constexpr unsigned long long kLargestBlock = 128U << 10U;
-    return content > 0 && content <= kLargest && content / kLargestBlock <= bytes / kLeastBlock;
+    return content > 0 && content <= kLargest && content / kLargestBlock <= bytes / kMinBlock;
 }
 
 struct FreeHdf5 {

@@ -1,4 +1,4 @@
-// The entry points by which HDF5 loads the zstd filter from its plugin folder.
+// The entry points through which HDF5 loads the zstd filter from its plugin folder.
 #include <H5PLextern.h>
 
 #include "store/hdf5/zstd_filter.h"

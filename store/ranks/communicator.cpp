@@ -19,7 +19,7 @@ std::string text_of(std::span<const std::byte> bytes) {
     return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
-/// Combines the numbers of all ranks at rank 0, and tells all of them the result.
+/// Combines the numbers of all ranks on rank 0, and sends the result to all of them.
 template <class T, class Combine>
 void reduce(Communicator& ranks, std::span<T> numbers, const Combine& combine) {
     const auto bytes = std::as_bytes(numbers);
@@ -96,7 +96,7 @@ std::string OneRank::host() const {
 void OneRank::exchange(const Next& next, std::uint64_t expected, const Take& /*take*/) {
     Message message;
     if (next(message) || expected != 0) {
-        throw std::logic_error("a rank that is alone has nobody to exchange messages with");
+        throw std::logic_error("a single rank cannot exchange messages");
     }
 }
 

@@ -1,5 +1,5 @@
-// Ranks: processes, on one machine or on several, that do one piece of work together and tell each
-// other what they need by messages. What carries the messages is behind Communicator.
+// Ranks: processes on one or several machines that do one piece of work together and exchange
+// messages. Communicator hides how the messages are transported.
 #pragma once
 
 #include <cstddef>
@@ -12,7 +12,7 @@
 
 namespace isonest::detail {
 
-/// What a rank has sent and received so far, and how long it has waited in exchanges.
+/// What a rank has sent and received so far, and the time it has waited in exchanges.
 struct RankTraffic {
     std::uint64_t messages_sent = 0;
     std::uint64_t bytes_sent = 0;
@@ -21,20 +21,19 @@ struct RankTraffic {
     double seconds = 0;
 };
 
-/// One rank's view of all of them. Ranks are numbered from 0.
-/// Every method but those that are const, check() and ignore_stop() is *collective*: all ranks call
-/// the same ones in the same order. They throw Error{cancelled} as soon as another rank has failed,
-/// and what the functions that they are given throw. Thread-safety: check() and const methods from
-/// any thread; the others from one thread at a time.
+/// One rank's view of all ranks. Ranks are numbered from 0. All methods except const ones, check()
+/// and ignore_stop() are *collective*: all ranks call the same ones in the same order. They throw
+/// Error{cancelled} as soon as another rank has failed, and what the given functions throw.
+/// Thread-safety: check() and const methods from any thread; the others from one thread at a time.
 class Communicator {
   public:
-    /// Of a message, in bytes.
-    static constexpr std::size_t kMostBytes = std::size_t{1} << 20U;
+    /// Maximum size of a message in bytes.
+    static constexpr std::size_t kMaxBytes = std::size_t{1} << 20U;
     struct Message {
         int to = 0;
         std::vector<std::byte> bytes;
     };
-    /// Puts the next message into its argument; false if there is none any more.
+    /// Stores the next message in its argument; false if there are no more.
     using Next = std::function<bool(Message&)>;
     using Take = std::function<void(int from, std::span<const std::byte> bytes)>;
 
@@ -45,31 +44,31 @@ class Communicator {
 
     [[nodiscard]] virtual int rank() const = 0;
     [[nodiscard]] virtual int size() const = 0;
-    /// The machine's name.
+    /// Name of the machine.
     [[nodiscard]] virtual std::string host() const = 0;
 
-    /// Sends all messages that `next` gives, and hands the `expected` ones that others send to this
-    /// rank in the same exchange to `take`. Those of one rank come in its order. A few messages are
-    /// in memory at a time. REQUIRES: messages of at most kMostBytes, none to this rank itself, and
-    /// numbers that agree.
+    /// Sends all messages that `next` provides, and passes the `expected` messages that others send
+    /// to this rank in the same exchange to `take`. Messages from one rank arrive in the order
+    /// sent. Only a few messages are in memory at a time. REQUIRES: messages of at most kMaxBytes,
+    /// none to this rank itself, and consistent numbers of messages.
     virtual void exchange(const Next& next, std::uint64_t expected, const Take& take) = 0;
     /// Throws Error{cancelled} if another rank has failed.
     virtual void check() = 0;
-    /// From here on, until it is called with false, this rank waits for others even when it was
-    /// asked to stop, for its part of the work is done; only that another one fails ends its
-    /// exchanges. For itself alone.
+    /// Until it is called with false, this rank waits for others even if it was asked to stop,
+    /// because its part of the work is done; only the failure of another rank ends its exchanges.
+    /// Affects this rank only.
     virtual void ignore_stop(bool /*is_ignored*/) {}
     [[nodiscard]] const RankTraffic& traffic() const { return traffic_; }
 
-    /// Rank 0 gets the texts of all, in the order of the ranks; the others get none. REQUIRES:
-    /// texts of at most kMostBytes.
+    /// Rank 0 gets the texts of all ranks, in the order of the ranks; the others get none.
+    /// REQUIRES: texts of at most kMaxBytes.
     std::vector<std::string> gather(std::string_view text);
-    /// All get rank 0's text, of at most kMostBytes.
+    /// All ranks get rank 0's text, of at most kMaxBytes.
     std::string broadcast(std::string text);
-    /// All get the sums over all ranks, number by number, or the largest.
+    /// All ranks get, for each number, the sum or the maximum over all ranks.
     void sum(std::span<std::uint64_t> numbers);
     void largest(std::span<double> numbers);
-    /// Returns when all have come here.
+    /// Returns when all ranks have called it.
     void meet();
 
   protected:

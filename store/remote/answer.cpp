@@ -33,7 +33,7 @@ std::optional<std::uint64_t> whole_number(std::string_view text) {
     return number;
 }
 
-/// Whether an answer is about the object that was opened: nothing if it does not tell.
+/// Whether an answer is about the object that was opened; nullopt if it does not say.
 std::optional<bool> is_same_object(const AnswerHead& head, const Validators& opened) {
     if (!opened.etag.empty()) {
         return head.etag.empty() ? std::nullopt : std::optional(head.etag == opened.etag);
@@ -61,7 +61,7 @@ Judgement of_verdict(Verdict verdict, ByteRange range, std::uint64_t size) {
     return judgement;
 }
 
-/// Whether these are bytes from where they were asked for on, and no more.
+/// Whether the bytes start at the requested offset, and are not more than requested.
 bool is_answer_to(const ByteRange& range, std::uint64_t size, const Asked& asked) {
     if (asked.tail == 0) {
         return range.offset == asked.range.offset && range.size <= asked.range.size;
@@ -71,23 +71,22 @@ bool is_answer_to(const ByteRange& range, std::uint64_t size, const Asked& asked
 
 Judgement judge_part(const AnswerHead& head, const Asked& asked, const Validators* opened) {
     if (head.content_range.empty()) {
-        return failed("the server sends a part and does not say which (no Content-Range)",
-                      FailureClass::odd);
+        return failed("the server sent a partial answer without Content-Range", FailureClass::odd);
     }
     const std::optional<ContentRange> content = parse_content_range(head.content_range);
     if (!content || !content->range || (!content->size && opened == nullptr)) {
-        return failed("the server's Content-Range is damaged", FailureClass::odd);
+        return failed("the server's Content-Range is malformed", FailureClass::odd);
     }
     const std::uint64_t size = content->size ? *content->size : opened->size;
     if (opened != nullptr && size != opened->size) {
         return of_verdict(Verdict::changed, {}, size);
     }
     if (!is_answer_to(*content->range, size, asked)) {
-        return failed("the server sends other bytes than it was asked for (Content-Range)",
+        return failed("the server sent a different range than requested (Content-Range)",
                       FailureClass::odd);
     }
     if (head.length && *head.length != content->range->size) {
-        return failed("the server contradicts itself (Content-Range and Content-Length)",
+        return failed("the server's Content-Range and Content-Length contradict each other",
                       FailureClass::odd);
     }
     return of_verdict(Verdict::part, *content->range, size);
@@ -95,14 +94,13 @@ Judgement judge_part(const AnswerHead& head, const Asked& asked, const Validator
 
 Judgement judge_whole(const AnswerHead& head, const Asked& asked) {
     if (head.status == 206) {
-        return failed("the server sends a part where it was asked for everything",
+        return failed("the server sent part of the object, but all of it was requested",
                       FailureClass::odd);
     }
     if (head.length.value_or(0) > asked.most) {
-        Judgement judgement =
-            failed(fmt::format("it has {} bytes, more than the {} that it can have", *head.length,
-                               asked.most),
-                   FailureClass::odd);
+        Judgement judgement = failed(
+            fmt::format("it has {} bytes; at most {} are accepted", *head.length, asked.most),
+            FailureClass::odd);
         judgement.is_too_large = true;
         return judgement;
     }
@@ -114,13 +112,12 @@ Judgement judge_whole(const AnswerHead& head, const Asked& asked) {
 
 Judgement judge_good(const AnswerHead& head, const Asked& asked, const Validators* opened) {
     if (head.is_chunked && head.says_length) {
-        return failed("the server contradicts itself (Content-Length and Transfer-Encoding)",
+        return failed("the server's Content-Length and Transfer-Encoding contradict each other",
                       FailureClass::odd);
     }
     if (!head.encoding.empty() && !is_same_name(head.encoding, "identity")) {
         return failed(
-            "the server sends it in another encoding (Content-Encoding), of which no "
-            "part can be read",
+            "the server compresses the answer (Content-Encoding), so that ranges cannot be read",
             FailureClass::odd);
     }
     if (asked.is_whole) {
@@ -129,8 +126,7 @@ Judgement judge_good(const AnswerHead& head, const Asked& asked, const Validator
     if (opened != nullptr) {
         const std::optional<bool> same = is_same_object(head, *opened);
         if (!same) {
-            return failed("the server no longer says which version it sends (ETag)",
-                          FailureClass::odd);
+            return failed("the server no longer sends an ETag", FailureClass::odd);
         }
         if (!*same) {
             return of_verdict(Verdict::changed, {}, 0);
@@ -143,11 +139,11 @@ Judgement judge_good(const AnswerHead& head, const Asked& asked, const Validator
         if (head.length && *head.length != opened->size) {
             return of_verdict(Verdict::changed, {}, *head.length);
         }
-        return failed("the server sends everything where it was asked for a part",
+        return failed("the server sent the whole object, but a range was requested",
                       FailureClass::odd);
     }
     if (!head.length) {
-        return failed("the server does not answer requests for a part", FailureClass::final);
+        return failed("the server does not support range requests", FailureClass::final);
     }
     return of_verdict(Verdict::whole, {0, *head.length}, *head.length);
 }
@@ -296,6 +292,48 @@ std::string said_status(int status) {
         }
     }
     return fmt::format("{}", status);
+}
+
+namespace {
+
+int max_attempts(FailureClass failure, const RetryPolicy& policy) {
+    switch (failure) {
+        case FailureClass::final:
+            return 1;
+        case FailureClass::odd:
+            return std::min(2, policy.attempts);
+        case FailureClass::unreachable:
+            return std::min(policy.connect_attempts, policy.attempts);
+        case FailureClass::busy:
+            return policy.attempts;
+    }
+    return 1;
+}
+
+}  // namespace
+
+std::optional<std::chrono::milliseconds> RetryState::wait_after(
+    FailureClass failure, std::optional<std::chrono::seconds> retry_after, Clock::time_point now,
+    const RetryPolicy& policy) {
+    constexpr int kMaxDoublings = 20;
+    if (!first_failure_) {
+        first_failure_ = now;
+    }
+    ++failures_;
+    if (failures_ >= max_attempts(failure, policy)) {
+        return std::nullopt;
+    }
+    const std::int64_t grown = policy.first_wait.count() << std::min(failures_ - 1, kMaxDoublings);
+    const double longest = static_cast<double>(std::min(grown, policy.longest_wait.count()));
+    const double part = std::uniform_real_distribution<double>(0.5, 1)(random_);
+    std::chrono::milliseconds wait(static_cast<std::int64_t>(longest * part));
+    if (retry_after) {
+        wait = std::max<std::chrono::milliseconds>(wait, *retry_after);
+    }
+    if (now + wait > *first_failure_ + policy.total) {
+        return std::nullopt;
+    }
+    return wait;
 }
 
 }  // namespace isonest::detail

@@ -1,23 +1,70 @@
 #include "store/remote/curl_request.h"
 
+#include <curl/curl.h>
+#include <dlfcn.h>
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <chrono>
+#include <cstddef>
 #include <cstdlib>
 #include <exception>
 #include <memory>
 #include <new>
+#include <string>
 #include <string_view>
 #include <utility>
+
+#include <isonest/error.h>
+
+#include "store/base/workers.h"
 
 namespace isonest::detail {
 namespace {
 
-constexpr std::size_t kMostErrorBody = 4096;
-constexpr std::size_t kMostHead = 256U << 10U;
+[[noreturn]] void fail_to_load(const char* why) {
+    throw Error(ErrorKind::unsupported, fmt::format("URLs need libcurl: {}", why),
+                {{RemedyKind::install_package, "libcurl4-openssl-dev"}});
+}
+
+template <class Function>
+void find_in_curl(void* library, const char* name, Function& function) {
+    function = reinterpret_cast<Function>(::dlsym(library, name));
+    if (function == nullptr) {
+        fail_to_load(fmt::format("libcurl.so.4 is too old, it has no {}", name).c_str());
+    }
+}
+
+CurlLibrary load_curl() {
+    void* const library = ::dlopen("libcurl.so.4", RTLD_NOW | RTLD_LOCAL);
+    if (library == nullptr) {
+        const std::string why = ::dlerror();
+        throw_if_no_room_to_load({}, "libcurl, which URLs need", why);
+        fail_to_load(why.c_str());
+    }
+    CurlLibrary functions;
+#define ISONEST_CURL_FIND(name) find_in_curl(library, #name, functions.name);
+    ISONEST_CURL_FUNCTIONS(ISONEST_CURL_FIND)
+#undef ISONEST_CURL_FIND
+    if (functions.curl_global_init(CURL_GLOBAL_DEFAULT) != CURLE_OK) {
+        fail_to_load("it does not start");
+    }
+    return functions;
+}
+
+}  // namespace
+
+const CurlLibrary& curl() {
+    static const CurlLibrary functions = load_curl();
+    return functions;
+}
+
+namespace {
+
+constexpr std::size_t kMaxErrorBody = 4096;
+constexpr std::size_t kMaxHead = 256U << 10U;
 constexpr long kBufferBytes = 256L << 10;
-/// SHA-256 of nothing, which is the body of our requests.
+/// SHA-256 of the empty body of our requests.
 constexpr const char* kHashOfNothing =
     "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
 
@@ -93,7 +140,9 @@ void CurlRequest::prepare(const RequestBasis& basis, Plan plan) {
     error_text_[0] = 0;
     is_signed_ = plan_.is_own_server && basis.url.keys.has_value();
     set(CURLOPT_URL, plan_.url.c_str());
-    set(CURLOPT_PATH_AS_IS, 1L);
+    // libcurl 8.14 does not sign paths that it must not change; parse_s3() rejects those that it
+    // would change.
+    set(CURLOPT_PATH_AS_IS, is_signed_ ? 0L : 1L);
     set(CURLOPT_PROTOCOLS_STR, "https,http");
     set(CURLOPT_HTTP_VERSION, static_cast<long>(CURL_HTTP_VERSION_2TLS));
     set(CURLOPT_PIPEWAIT, basis.waits_for_stream ? 1L : 0L);
@@ -105,7 +154,7 @@ void CurlRequest::prepare(const RequestBasis& basis, Plan plan) {
     set(CURLOPT_CONNECTTIMEOUT_MS, static_cast<long>(basis.options.connect_timeout.count()));
     set(CURLOPT_USERAGENT, "isonest");
     set(CURLOPT_ACCEPT_ENCODING, "identity");
-    set(CURLOPT_HTTP_CONTENT_DECODING, 0L);  // judge() refuses other encodings
+    set(CURLOPT_HTTP_CONTENT_DECODING, 0L);  // judge() rejects other encodings
     if (!plan_.asked.is_whole) {
         set(CURLOPT_RANGE, range_text(plan_.asked).c_str());
     }
@@ -114,7 +163,7 @@ void CurlRequest::prepare(const RequestBasis& basis, Plan plan) {
     set(CURLOPT_HEADERDATA, this);
     set(CURLOPT_WRITEFUNCTION, &body_callback);
     set(CURLOPT_WRITEDATA, this);
-    // As the program curl does; the library alone knows only what it was built with.
+    // Like the curl program does. The library itself only uses the path set when it was built.
     if (const char* const bundle = variable("CURL_CA_BUNDLE")) {
         set(CURLOPT_CAINFO, bundle);
     } else {
@@ -141,11 +190,11 @@ std::size_t CurlRequest::header_callback(char* data, std::size_t /*one*/, std::s
                                          void* self) {
     auto& request = *static_cast<CurlRequest*>(self);
     request.head_bytes_ += size;
-    if (request.head_bytes_ > kMostHead) {
+    if (request.head_bytes_ > kMaxHead) {
         return 0;
     }
     try {
-        // What follows a body are trailers.
+        // Headers after a body are trailers.
         if (!request.judgement_) {
             request.head_.add_line({data, size});
         }
@@ -192,7 +241,7 @@ bool CurlRequest::take_body(std::span<const std::byte> bytes) {
     if (judgement_->verdict == Verdict::part) {
         if (received_ > judgement_->range.size && judgement_->is_open_ended) {
             failure_ = Failure{FailureClass::odd,
-                               fmt::format("it has more bytes than the {} that it can have",
+                               fmt::format("it has more than the {} bytes that are accepted",
                                            judgement_->range.size),
                                ErrorKind::corrupt,
                                {{RemedyKind::check_url}}};
@@ -200,7 +249,7 @@ bool CurlRequest::take_body(std::span<const std::byte> bytes) {
         }
         if (received_ > judgement_->range.size) {
             failure_ = Failure{FailureClass::odd,
-                               "the server sends more bytes than it announced",
+                               "the server sent more bytes than it announced",
                                ErrorKind::io,
                                {{RemedyKind::serve_ranges}}};
             return false;
@@ -209,12 +258,12 @@ bool CurlRequest::take_body(std::span<const std::byte> bytes) {
         return true;
     }
     if (head_.status == 200 || head_.status == 206) {
-        return false;  // it could be of any size
+        return false;  // it may have any size
     }
-    // A short body is read to its end, so that the connection can be used again.
-    const std::size_t left = kMostErrorBody - error_body_.size();
+    // Reads a short body to its end, so that the connection can be reused.
+    const std::size_t left = kMaxErrorBody - error_body_.size();
     error_body_.append(reinterpret_cast<const char*>(bytes.data()), std::min(left, bytes.size()));
-    return error_body_.size() < kMostErrorBody;
+    return error_body_.size() < kMaxErrorBody;
 }
 
 std::string CurlRequest::said(CURLcode code) const {
@@ -225,19 +274,22 @@ std::string CurlRequest::said(CURLcode code) const {
     return text;
 }
 
-/// Why the head is not whole: it is too large, or the connection broke. libcurl says of a line that
-/// it finds too long that memory is missing, and of a connection that ends within the head nothing.
+/// Why the head is incomplete: it is too large, or the connection broke. For a line that is too
+/// long, libcurl reports out of memory, and since 8.6 a value that is too large; for a connection
+/// that ends within the head, it reports nothing.
 Failure CurlRequest::failure_of_head(CURLcode code) const {
-    const bool is_too_large =
-        head_bytes_ > kMostHead || (code == CURLE_OUT_OF_MEMORY && head_.status != 0);
+    constexpr auto kTooLarge = static_cast<CURLcode>(100);  // CURLE_TOO_LARGE
+    const bool is_too_large = head_bytes_ > kMaxHead || code == kTooLarge ||
+                              (code == CURLE_OUT_OF_MEMORY && head_.status != 0);
     if (is_too_large) {
         return {FailureClass::odd,
-                "the head of the server's answer is too large",
+                "the headers of the server's answer are too large",
                 ErrorKind::io,
                 {{RemedyKind::check_url}}};
     }
-    return code == CURLE_OK ? failure_of_transfer(CURLE_RECV_ERROR, "it ended within the head")
-                            : failure_of_transfer(code, said(code));
+    return code == CURLE_OK
+               ? failure_of_transfer(CURLE_RECV_ERROR, "the answer ended within its headers")
+               : failure_of_transfer(code, said(code));
 }
 
 CurlRequest::Outcome CurlRequest::finish(CURLcode code) {
@@ -265,8 +317,8 @@ CurlRequest::Outcome CurlRequest::finish(CURLcode code) {
         case Verdict::part:
             if (ended_early) {
                 outcome.failure = failure_of_transfer(code, said(code));
-                // Of chunks that are none, libcurl has handed on what it took for the first ones;
-                // only its text tells that from a connection that broke.
+                // If the chunked encoding is invalid, libcurl has passed on what it took for the
+                // first chunks; only its message distinguishes this from a broken connection.
                 outcome.failure->is_void = head_.is_chunked && code == CURLE_RECV_ERROR &&
                                            received_ > 0 &&
                                            said(code).find("chunk") != std::string::npos;
@@ -320,6 +372,162 @@ std::string resolved_location(const std::string& url, const std::string& locatio
     }
     const std::string_view start(out);
     return start.starts_with("http://") || start.starts_with("https://") ? out : "";
+}
+
+namespace {
+
+std::vector<Remedy> credentials_for(bool is_s3_like) {
+    return {{RemedyKind::give_credentials,
+             is_s3_like ? "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY" : "~/.netrc"},
+            {RemedyKind::check_url}};
+}
+
+/// The variable that is used (CurlRequest::prepare).
+std::string certificates_variable() {
+    const char* const bundle = std::getenv("CURL_CA_BUNDLE");
+    return bundle != nullptr && *bundle != 0 ? "CURL_CA_BUNDLE" : "SSL_CERT_FILE";
+}
+
+void say_status(Failure& failure, const AnswerHead& head, const std::string& code, bool is_signed) {
+    switch (head.status) {
+        case 404:
+        case 410:
+            failure.kind = ErrorKind::not_found;
+            failure.remedies = {{RemedyKind::check_url}};
+            return;
+        case 401:
+        case 403:
+        case 407:
+            failure.remedies = credentials_for(is_signed || !code.empty());
+            return;
+        case 400:
+        case 405:
+        case 451:
+            failure.remedies = {{RemedyKind::check_url}};
+            return;
+        default:
+            if (failure.failure == FailureClass::busy) {
+                failure.remedies = {{RemedyKind::try_later}};
+            } else if (failure.failure == FailureClass::odd || head.status == 200 ||
+                       head.status == 416 || head.status == 501) {
+                failure.remedies = {{RemedyKind::serve_ranges}};
+            }
+    }
+}
+
+}  // namespace
+
+Failure failure_of_answer(const AnswerHead& head, const Judgement& judgement,
+                          const std::string& code, bool is_signed) {
+    Failure failure{judgement.failure, judgement.problem};
+    failure.status = head.status;
+    if (failure.problem.empty()) {
+        failure.problem = fmt::format("the server answers {}", said_status(head.status));
+    }
+    if (!code.empty()) {
+        failure.problem += fmt::format(" ({})", code);
+    }
+    say_status(failure, head, code, is_signed);
+    if (judgement.is_too_large) {
+        failure.kind = ErrorKind::corrupt;
+        failure.remedies = {{RemedyKind::check_url}};
+    }
+    const bool names_region =
+        !head.bucket_region.empty() && head.bucket_region.size() <= 32 &&
+        std::all_of(head.bucket_region.begin(), head.bucket_region.end(), [](char c) {
+            return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-';
+        });
+    if (names_region && head.status != 404 && failure.failure == FailureClass::final) {
+        failure.problem += fmt::format("; the bucket is in the region {}", head.bucket_region);
+        failure.remedies.insert(failure.remedies.begin(),
+                                {RemedyKind::set_variable, "AWS_REGION=" + head.bucket_region});
+    }
+    return failure;
+}
+
+Failure failure_of_transfer(int code, const std::string& text) {
+    switch (code) {
+        case CURLE_COULDNT_RESOLVE_HOST:
+        case CURLE_COULDNT_RESOLVE_PROXY:
+        case CURLE_COULDNT_CONNECT:
+            return {FailureClass::unreachable, text, ErrorKind::io, {{RemedyKind::check_url}}};
+        case CURLE_OPERATION_TIMEDOUT:
+            return {FailureClass::unreachable,
+                    "connecting to the server timed out",
+                    ErrorKind::io,
+                    {{RemedyKind::try_later}, {RemedyKind::check_url}}};
+        case CURLE_PEER_FAILED_VERIFICATION:
+        case CURLE_SSL_CERTPROBLEM:
+        case CURLE_SSL_ISSUER_ERROR:
+        case CURLE_SSL_CACERT_BADFILE:
+        case CURLE_SSL_INVALIDCERTSTATUS:
+            return {FailureClass::final,
+                    fmt::format("the server's certificate is not trusted: {}", text),
+                    ErrorKind::io,
+                    {{RemedyKind::set_variable, certificates_variable() + "=CERTIFICATES.pem"}}};
+        case CURLE_GOT_NOTHING:
+        case CURLE_PARTIAL_FILE:
+        case CURLE_RECV_ERROR:
+        case CURLE_SEND_ERROR:
+        case CURLE_HTTP2:
+        case CURLE_HTTP2_STREAM:
+        case CURLE_SSL_CONNECT_ERROR:
+        case CURLE_WEIRD_SERVER_REPLY:
+            return {FailureClass::busy,
+                    fmt::format("the connection broke: {}", text),
+                    ErrorKind::io,
+                    {{RemedyKind::try_later}}};
+        case CURLE_OUT_OF_MEMORY:
+            return {FailureClass::final,
+                    "there is no memory left",
+                    ErrorKind::limit,
+                    {{RemedyKind::more_memory}}};
+        case CURLE_UNSUPPORTED_PROTOCOL:
+            return {FailureClass::odd,
+                    "the server's answer is not HTTP",
+                    ErrorKind::io,
+                    {{RemedyKind::check_url}}};
+        case CURLE_URL_MALFORMAT:
+            return {
+                FailureClass::final, text, ErrorKind::invalid_argument, {{RemedyKind::check_url}}};
+        default:
+            return {FailureClass::busy, text, ErrorKind::io, {{RemedyKind::try_later}}};
+    }
+}
+
+Failure failure_of_change() {
+    Failure failure{FailureClass::final,
+                    "the object has changed since it was opened",
+                    ErrorKind::io,
+                    {{RemedyKind::open_again}}};
+    failure.is_change = true;
+    return failure;
+}
+
+Error error_of(const Failure& failure, const std::string& name, int tries) {
+    std::string problem = failure.problem;
+    if (tries > 1) {
+        problem += fmt::format(" ({} tries)", tries);
+    }
+    if (failure.retry_after && failure.retry_after->count() > 0) {
+        problem += fmt::format("; it asks clients to wait {} s", failure.retry_after->count());
+    }
+    return {failure.kind, {name}, problem, failure.remedies};
+}
+
+std::string s3_code_in(std::string_view body) {
+    constexpr std::string_view kBegin = "<Code>";
+    constexpr std::size_t kLongest = 64;
+    const std::size_t at = body.find(kBegin);
+    if (at == std::string_view::npos || body.find("<Error") == std::string_view::npos) {
+        return {};
+    }
+    const std::string_view rest = body.substr(at + kBegin.size());
+    const std::string_view code = rest.substr(0, rest.find("</Code>"));
+    const bool is_word = std::all_of(code.begin(), code.end(), [](char c) {
+        return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9');
+    });
+    return code.size() <= kLongest && is_word ? std::string(code) : std::string();
 }
 
 }  // namespace isonest::detail

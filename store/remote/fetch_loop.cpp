@@ -4,23 +4,98 @@
 #include <pthread.h>
 
 #include <algorithm>
+#include <chrono>
 #include <csignal>
 #include <exception>
 #include <new>
 #include <random>
+#include <utility>
 
 #include <isonest/error.h>
 
-#include "store/base/started_thread.h"
+#include "store/base/workers.h"
 
 namespace isonest::detail {
+
+Background::Background(std::uint64_t max_bytes, const std::string& name)
+    : max_bytes_(max_bytes), thread_(started_thread(name, [this] { run(); })) {}
+
+Background::~Background() {
+    finish(std::chrono::milliseconds(0));
+}
+
+bool Background::add(std::uint64_t bytes, std::function<void()> work) {
+    const std::lock_guard lock(mutex_);
+    if (ends_ || (bytes_ > 0 && bytes > max_bytes_ - std::min(bytes_, max_bytes_))) {
+        return false;
+    }
+    entries_.push_back({bytes, std::move(work)});
+    bytes_ += bytes;
+    changed_.notify_all();
+    return true;
+}
+
+void Background::finish(std::chrono::milliseconds at_most,
+                        const std::function<bool()>& is_stopped) {
+    constexpr std::chrono::milliseconds kStep{50};
+    using Clock = std::chrono::steady_clock;
+    const Clock::time_point last = Clock::now() + at_most;
+    std::deque<Entry> left;
+    {
+        std::unique_lock lock(mutex_);
+        const auto is_done = [this] { return entries_.empty() && !is_working_; };
+        while (!changed_.wait_until(lock, std::min(last, Clock::now() + kStep), is_done) &&
+               Clock::now() < last) {
+            lock.unlock();
+            const bool stops = is_stopped && is_stopped();
+            lock.lock();
+            if (stops) {
+                break;
+            }
+        }
+        ends_ = true;
+        left.swap(entries_);
+    }
+    changed_.notify_all();
+    if (thread_.joinable()) {
+        thread_.join();
+    }
+}
+
+void Background::run() {
+    // Signals are handled by the program's own threads.
+    sigset_t all;
+    ::sigfillset(&all);
+    ::pthread_sigmask(SIG_SETMASK, &all, nullptr);
+    std::unique_lock lock(mutex_);
+    while (true) {
+        changed_.wait(lock, [this] { return ends_ || !entries_.empty(); });
+        if (ends_) {
+            return;
+        }
+        Entry entry = std::move(entries_.front());
+        entries_.pop_front();
+        is_working_ = true;
+        lock.unlock();
+        try {
+            entry.work();
+        } catch (...) {  // NOLINT(bugprone-empty-catch): nobody waits for it
+        }
+        entry.work = nullptr;
+        lock.lock();
+        bytes_ -= entry.bytes;
+        is_working_ = false;
+        changed_.notify_all();
+    }
+}
+
 namespace {
 
-constexpr int kMostRedirects = 5;
-/// Progress that makes earlier failures of a range count no more.
+constexpr int kMaxRedirects = 5;
+/// Progress after which earlier failures of a range no longer count.
 constexpr std::uint64_t kMuch = 64U << 10U;
 constexpr std::chrono::milliseconds kLongSleep{60'000};
-/// Until memory may be free again.
+/// Time after which memory may be free again.
 constexpr std::chrono::milliseconds kMemoryPause{100};
 
 bool is_https(const std::string& url) {
@@ -86,7 +161,8 @@ bool FetchLoop::is_own(const std::string& url) const {
 }
 
 void FetchLoop::run() {
-    // Signals are for the threads of the program; a broken connection's SIGPIPE is for nobody.
+    // Block all signals: they are for the program's own threads, and SIGPIPE of a broken
+    // connection is for none.
     sigset_t all;
     ::sigfillset(&all);
     ::pthread_sigmask(SIG_SETMASK, &all, nullptr);
@@ -154,7 +230,7 @@ void FetchLoop::send(Active& active) {
             if (active.asked.is_whole) {
                 active.job->begin(head, judgement.range, judgement.size);
             } else if (!active.has_begun) {
-                // A server may give less than a range that it was asked for, but not of the end.
+                // A server may send less than the requested range, except for a range at the end.
                 const ByteRange range =
                     active.asked.tail != 0 ? judgement.range : active.asked.range;
                 active.has_begun = true;
@@ -223,7 +299,7 @@ void FetchLoop::end_request(Active& active, CURLcode code) {
             active.object.target = active.url;
             active.redirects = 0;
             if (active.asked.range.size > 0) {
-                send(active);  // it gave less than it was asked for
+                send(active);  // the server sent less than was requested
             } else {
                 finish_with(active, [&active] { active.job->done(); });
             }
@@ -252,12 +328,12 @@ void FetchLoop::end_request(Active& active, CURLcode code) {
 void FetchLoop::ask_for_the_end(Active& active, std::uint64_t size) {
     if (active.asked.tail == 0) {
         give_up(active, {FailureClass::final,
-                         "the server does not answer requests for a part (Range)",
+                         "the server does not support range requests (Range)",
                          ErrorKind::unsupported,
                          {{RemedyKind::serve_ranges}}});
         return;
     }
-    // Some servers know ranges, but not those that count from the end.
+    // Some servers support ranges, but not those that count from the end.
     const std::uint64_t bytes = std::min(active.asked.tail, size);
     active.asked = {.range = {size - bytes, bytes}};
     send(active);
@@ -267,14 +343,14 @@ void FetchLoop::follow(Active& active, const CurlRequest::Outcome& outcome) {
     const std::string to = resolved_location(active.url, outcome.head.location);
     Failure failure{FailureClass::final, "", ErrorKind::io, {{RemedyKind::check_url}}};
     if (to.empty()) {
-        failure.problem = "the server sends on to what is no URL";
+        failure.problem = "the server redirects to an invalid URL";
     } else if (is_https(active.url) && !is_https(to)) {
-        failure.problem = "the server sends on from https to http";
-    } else if (++active.redirects > kMostRedirects) {
-        failure.problem = fmt::format("the server sends on more than {} times", kMostRedirects);
+        failure.problem = "the server redirects from https to http";
+    } else if (++active.redirects > kMaxRedirects) {
+        failure.problem = fmt::format("the server redirects more than {} times", kMaxRedirects);
     } else if (basis_.url.keys && !is_own(to)) {
         failure = failure_of_answer(outcome.head, {}, "", true);
-        failure.problem += "; it sends on to another server, which gets no credentials";
+        failure.problem += "; it redirects to another server, to which no credentials are sent";
     } else {
         active.url = to;
         send(active);
@@ -285,15 +361,16 @@ void FetchLoop::follow(Active& active, const CurlRequest::Outcome& outcome) {
 
 void FetchLoop::fail_or_retry(Active& active, const Failure& failure) {
     if (failure.is_void && !active.asked.is_whole) {
-        give_up(active, failure);  // what the job has taken may be wrong
+        give_up(active, failure);  // what the job has received may be wrong
         return;
     }
     if (active.has_begun && active.asked.range.size == 0 && !failure.is_change) {
-        finish_with(active, [&active] { active.job->done(); });  // only its end went wrong
+        finish_with(active, [&active] { active.job->done(); });  // all bytes have come; only the
+                                                                 // end of the transfer failed
         return;
     }
     const Clock::time_point now = Clock::now();
-    // What an earlier redirect led to may serve for a while only: the URL itself knows a new place.
+    // The target of an earlier redirect may have expired: the original URL gives the current one.
     const bool may_try_origin = !failure.is_change && !active.tried_origin &&
                                 active.redirects == 0 && active.url != active.object.request;
     const bool is_final = failure.failure == FailureClass::final;

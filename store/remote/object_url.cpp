@@ -8,7 +8,7 @@
 
 #include <isonest/error.h>
 
-#include "store/base/percent_text.h"
+#include "store/base/escaped_text.h"
 
 namespace isonest::detail {
 namespace {
@@ -25,7 +25,7 @@ std::string lower_case(std::string_view text) {
     return out;
 }
 
-/// The scheme in lower case, or nothing.
+/// The scheme in lower case; empty if there is none.
 std::string_view scheme_of(std::string_view text) {
     for (const std::string_view scheme : {"https", "http", "s3"}) {
         const std::size_t size = scheme.size();
@@ -49,7 +49,7 @@ void append_encoded(std::string& out, char c) {
     out += kHex[byte & 15U];
 }
 
-/// As Amazon's signatures want a key, and RFC 3986 a path.
+/// Encodes a key as required by AWS signatures, and by RFC 3986 for a path.
 std::string encoded_key(std::string_view key) {
     std::string out;
     for (const char c : key) {
@@ -62,7 +62,7 @@ std::string encoded_key(std::string_view key) {
     return out;
 }
 
-/// What is no character of a URL is encoded; what is encoded already stays.
+/// Encodes characters that are not allowed in a URL; keeps what is already encoded.
 std::string mended(std::string_view part) {
     std::string out;
     for (const char c : part) {
@@ -79,7 +79,7 @@ std::string mended(std::string_view part) {
 
 struct Authority {
     std::string_view userinfo;
-    std::string_view host;  ///< with the port
+    std::string_view host;  ///< including the port
 };
 
 Authority authority_in(std::string_view text) {
@@ -98,8 +98,8 @@ bool is_host(std::string_view host) {
            });
 }
 
-/// Whether what follows a host's colon, if there is one, is the number of a port. An authority that
-/// ends at a slash of an unencoded password ends in a part of the password.
+/// Whether the text after the host's colon, if there is one, is a port number. If a password
+/// contains an unencoded slash, the authority ends in the middle of the password.
 bool has_port_or_none(std::string_view host) {
     const std::size_t bracket = host.rfind(']');
     const std::size_t colon = host.find(':', bracket == std::string_view::npos ? 0 : bracket);
@@ -115,8 +115,8 @@ bool has_port_or_none(std::string_view host) {
     throw Error(ErrorKind::invalid_argument, {name}, problem, {{RemedyKind::check_url}});
 }
 
-/// Whether "HOST:PORT" before an @ further on could as well be a user and the beginning of a
-/// password that has a slash: http://user:12/x@host.
+/// Whether "HOST:PORT" with an @ further on could also be a user and the start of a password with a
+/// slash: http://user:12/x@host.
 bool may_be_userinfo(std::string_view authority, std::string_view behind) {
     return authority.find_first_of("@[") == std::string_view::npos &&
            authority.find(':') != std::string_view::npos &&
@@ -135,17 +135,17 @@ ObjectUrl parse_http(std::string_view scheme, std::string_view rest) {
     ObjectUrl url;
     url.name = fmt::format("{}://{}{}", scheme, host, path.empty() ? "/" : path);
     if (!is_host(host)) {
-        refuse(fmt::format("{}://", scheme), "the URL names no host");
+        refuse(fmt::format("{}://", scheme), "the URL has no host");
     }
     if (!has_port_or_none(host)) {
-        refuse(fmt::format("{}://", scheme),
-               "what follows the colon of the URL's host is no number of a port; in a password, "
-               "write / as %2F, ? as %3F and # as %23");
+        refuse(
+            fmt::format("{}://", scheme),
+            "the URL's port is not a number; in a password, write / as %2F, ? as %3F and # as %23");
     }
     if (is_ambiguous) {
         refuse(fmt::format("{}://", scheme),
-               "the URL has an @ behind a colon and a slash: in a path or a query, write @ as %40; "
-               "in a password, / as %2F, ? as %3F and # as %23");
+               "the URL has an @ after a colon and a slash; in a path or query, write @ as %40; in "
+               "a password, / as %2F, ? as %3F and # as %23");
     }
     url.request =
         fmt::format("{}://{}{}{}", scheme, host, path.empty() ? "/" : mended(path), mended(query));
@@ -157,7 +157,7 @@ ObjectUrl parse_http(std::string_view scheme, std::string_view rest) {
 
 using Environment = const char* (*)(const char*);
 
-/// The first of these that is there and not empty.
+/// The first of these variables that is set and not empty.
 template <std::size_t N>
 std::string said_by(Environment environment, const std::array<const char*, N>& names) {
     for (const char* const name : names) {
@@ -177,17 +177,30 @@ bool is_bucket(std::string_view bucket) {
            bucket.find("..") == std::string_view::npos;
 }
 
+/// Whether a component of the key (between slashes) is "." or "..".
+bool has_dot_segment(std::string_view key) {
+    for (std::size_t begin = 0; begin <= key.size();) {
+        const std::size_t end = std::min(key.find('/', begin), key.size());
+        const std::string_view part = key.substr(begin, end - begin);
+        if (part == "." || part == "..") {
+            return true;
+        }
+        begin = end + 1;
+    }
+    return false;
+}
+
 ObjectUrl parse_s3(std::string_view rest, Environment environment) {
     const std::size_t slash = std::min(rest.find('/'), rest.size());
     const std::string_view bucket = rest.substr(0, slash);
     const std::string_view key = slash < rest.size() ? rest.substr(slash + 1) : "";
     ObjectUrl url;
     if (!is_bucket(bucket)) {
-        refuse("s3://", "the URL names no bucket (s3://BUCKET/KEY)");
+        refuse("s3://", "the URL has no bucket (s3://BUCKET/KEY)");
     }
     url.name = fmt::format("s3://{}/{}", bucket, key);
     if (key.empty()) {
-        refuse(url.name, "the URL names no object in the bucket (s3://BUCKET/KEY)");
+        refuse(url.name, "the URL has no object key (s3://BUCKET/KEY)");
     }
     url.is_s3 = true;
     const std::string region = said_by<2>(environment, {"AWS_REGION", "AWS_DEFAULT_REGION"});
@@ -196,18 +209,21 @@ ObjectUrl parse_s3(std::string_view rest, Environment environment) {
                      said_by<1>(environment, {"AWS_SESSION_TOKEN"}),
                      region.empty() ? "us-east-1" : region};
     if (keys.id.empty() != keys.secret.empty()) {
-        refuse(url.name, "of AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, only one is set");
+        refuse(url.name, "only one of AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY is set");
     }
     if (!keys.id.empty()) {
         url.keys = std::move(keys);
+    }
+    if (url.keys && has_dot_segment(key)) {
+        refuse(url.name, "the key contains . or .. as a path segment, which libcurl does not sign");
     }
     const std::string path = encoded_key(key);
     std::string endpoint = said_by<2>(environment, {"AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL"});
     if (!endpoint.empty()) {
         if (scheme_of(endpoint).empty() || scheme_of(endpoint) == "s3") {
-            refuse(url.name, "AWS_ENDPOINT_URL is no URL (https://HOST)");
+            refuse(url.name, "AWS_ENDPOINT_URL is not a URL (https://HOST)");
         }
-        // Without userinfo and query: they have no meaning here.
+        // Without userinfo and query, which have no meaning here.
         const ObjectUrl server = parse_http(
             scheme_of(endpoint), std::string_view(endpoint).substr(endpoint.find("://") + 3));
         endpoint = server.name;
@@ -231,7 +247,7 @@ ObjectUrl parse_s3(std::string_view rest, Environment environment) {
 ObjectUrl parse_object_url(std::string_view text, Environment environment) {
     const std::string_view scheme = scheme_of(text);
     if (scheme.empty()) {
-        refuse("", "this is no URL that can be read (https://, http:// or s3://)");
+        refuse("", "unsupported URL: give https://, http:// or s3://");
     }
     const std::string_view rest = text.substr(scheme.size() + 3);
     if (std::any_of(text.begin(), text.end(),
@@ -270,7 +286,8 @@ std::string origin_of(std::string_view url) {
 }
 
 std::string query_without_signature(std::string_view url) {
-    // Of Amazon's and Google's signatures, CloudFront's, and Azure's shared access signatures.
+    // Parameters of signatures of Amazon, Google and CloudFront, and of Azure's shared access
+    // signatures.
     constexpr std::array<std::string_view, 23> kSigning{"signature",
                                                         "expires",
                                                         "awsaccesskeyid",

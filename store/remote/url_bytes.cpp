@@ -5,19 +5,20 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstring>
+#include <exception>
 #include <optional>
 #include <utility>
 
 #include <isonest/error.h>
 
 #include "store/base/checksum.h"
-#include "store/remote/join_ranges.h"
-#include "store/remote/waiting.h"
+#include "store/remote/fetch_loop.h"
+#include "store/remote/ranges.h"
 
 namespace isonest::detail {
 namespace {
 
-/// Nothing of it can be read in the checksum: queries may have secrets.
+/// The checksum reveals nothing of the query, which may contain secrets.
 std::string checksum_of_query(const std::string& url) {
     const std::string query = query_without_signature(url);
     return query.empty() ? ""
@@ -44,7 +45,7 @@ class UrlBytes::ExtentJob : public FetchJob {
         owner_.changed_.notify_all();
     }
     void done() override {
-        owner_.keep_later(extent_);  // before anybody can find that its bytes are wrong
+        owner_.keep_later(extent_);  // before anybody can find out that its bytes are wrong
         owner_.end_extent(*extent_, Extent::State::present, nullptr);
     }
     void failed(const Error& error, const Failure& why) override {
@@ -62,7 +63,7 @@ class UrlBytes::ExtentJob : public FetchJob {
     ExtentPointer extent_;
 };
 
-/// The end of the object, and what the object is.
+/// Fetches the end of the object, and its properties.
 class UrlBytes::OpeningJob : public FetchJob {
   public:
     explicit OpeningJob(UrlBytes& owner) : owner_(owner) {}
@@ -149,8 +150,8 @@ UrlBytes::~UrlBytes() {
     }
 }
 
-/// Waits until the object is open. What the cache has of its end is loaded meanwhile, and used if
-/// the object is in the state in which it was.
+/// Waits until the object is open. Meanwhile loads its end from the cache, which is used if the
+/// object is still in the same state.
 void UrlBytes::use_cache() {
     std::shared_ptr<RangeCache> known_cache;
     std::optional<std::vector<std::byte>> tail;
@@ -166,14 +167,14 @@ void UrlBytes::use_cache() {
     Lock lock(mutex_);
     wait_until(lock, [this] { return is_open_; });
     rounds_ = 1;
-    // Of an object in an unknown state, nothing may be kept.
+    // Nothing may be kept of an object in an unknown state.
     if (!options_.make_cache || state_.version.empty()) {
         return;
     }
     const bool is_known =
         known_ && known_->version == state_.version && known_->size == state_.size;
     if (is_known && tail && !take_known_tail(*tail)) {
-        return;  // another object of the same ETag
+        return;  // another object with the same ETag
     }
     lock.unlock();
     cache_ = is_known && known_cache != nullptr ? known_cache : options_.make_cache(state_);
@@ -196,7 +197,7 @@ void UrlBytes::use_cache() {
     }
 }
 
-/// The end of the object as the cache has it, if the part of it that the server sent is the same.
+/// Takes the end of the object from the cache, if it agrees with the part that the server sent.
 bool UrlBytes::take_known_tail(const std::vector<std::byte>& tail) {
     const ByteRange range{state_.size - tail.size(), tail.size()};
     for (const ExtentPointer& extent : extents_.use(range)) {
@@ -217,7 +218,7 @@ bool UrlBytes::take_known_tail(const std::vector<std::byte>& tail) {
     return true;
 }
 
-/// When it is kept, and no longer held, there may be room for what was announced.
+/// When the extent has been kept and released, there may be room for prefetched ranges.
 void UrlBytes::keep_later(const ExtentPointer& extent) const {
     if (keeping_ == nullptr) {
         return;
@@ -232,12 +233,12 @@ void UrlBytes::keep_later(const ExtentPointer& extent) const {
         cache_->keep(held->range, held->bytes);
         held.reset();
         const Lock lock(mutex_);
-        ask_for_announced();
+        ask_for_hints();
     });
 }
 
 void UrlBytes::forget(const ByteRange& range) const {
-    constexpr std::size_t kMostDistrusted = 4096;
+    constexpr std::size_t kMaxDistrusted = 4096;
     const Lock lock(mutex_);
     for (const ExtentPointer& extent : extents_.use(range)) {
         // Places that wait for the cache have no bytes yet.
@@ -248,7 +249,7 @@ void UrlBytes::forget(const ByteRange& range) const {
     }
     if (keeping_ != nullptr) {
         distrusted_.push_back(range);
-        if (distrusted_.size() > kMostDistrusted) {
+        if (distrusted_.size() > kMaxDistrusted) {
             distrusted_.pop_front();
         }
         keeping_->add(0, [this, range] { cache_->forget(range); });
@@ -342,13 +343,13 @@ HeldBytes UrlBytes::read(std::uint64_t offset, std::uint64_t size) const {
             covered += until - from;
         }
         if (covered != size) {
-            continue;  // something failed between asking and looking
+            continue;  // an extent failed between the request and this check
         }
         lock.unlock();
         HeldBytes bytes = held(extents, range);
         if (was_read_up) {
             lock.lock();
-            ask_for_announced();
+            ask_for_hints();
         }
         return bytes;
     }
@@ -360,7 +361,7 @@ std::vector<UrlBytes::ExtentPointer> UrlBytes::extents_for(Lock& lock,
     if (absent.empty()) {
         return extents_.use(range);
     }
-    // What is there is held: room for the rest is not made of it.
+    // Holds the present extents, so that they are not dropped to make room for the rest.
     const std::vector<ExtentPointer> there = extents_.use(range);
     if (cache_ == nullptr) {
         ask(absent, {rounds_ + 1, generation_}, true);
@@ -382,7 +383,7 @@ bool UrlBytes::wait_for(Lock& lock, const ExtentPointer& extent, std::uint64_t u
             urgent_.push_back(extent);
             loop_.wake();
         }
-        load_announced(lock, extent);
+        load_prefetched(lock, extent);
         wait_until(lock, is_there);
         if (extent->state != Extent::State::failed && extent->state != Extent::State::replaced) {
             rounds_ = std::max(rounds_, extent->round);
@@ -394,8 +395,8 @@ bool UrlBytes::wait_for(Lock& lock, const ExtentPointer& extent, std::uint64_t u
     return extent->state != Extent::State::replaced;
 }
 
-/// Batches before it may be of no use to who waits.
-void UrlBytes::load_announced(Lock& lock, const ExtentPointer& extent) const {
+/// Loads this batch first: the batches before it may not help the thread that waits.
+void UrlBytes::load_prefetched(Lock& lock, const ExtentPointer& extent) const {
     const auto batch = std::find_if(to_load_.begin(), to_load_.end(), [&](const auto& extents) {
         return std::find(extents.begin(), extents.end(), extent) != extents.end();
     });
@@ -432,7 +433,7 @@ std::shared_ptr<FetchJob> UrlBytes::next_job() const {
         }
         Extent& extent = *queue.front();
         std::shared_ptr<FetchJob> job;
-        // What somebody came to wait for stands in both.
+        // An extent that somebody started to wait for is in both queues.
         if (!extent.is_started && broken_ == nullptr) {
             job = std::make_shared<ExtentJob>(*this, queue.front());
             extent.is_started = true;
@@ -448,6 +449,173 @@ FetchedCounts UrlBytes::fetched() const {
     const RequestCounts counts = loop_.counts();
     const Lock lock(mutex_);
     return {counts.bytes, counts.requests, rounds_, cache_bytes_};
+}
+
+// The requests of UrlBytes: prefetched ranges as far as they fit into the budget, and ranges that
+// somebody waits for.
+
+namespace {
+
+constexpr std::size_t kMaxHints = 8;
+constexpr JoinLimits kJoinLimits{};
+
+/// The parts inside the object, sorted by offset, without overlap; ranges that only touch stay
+/// separate.
+std::vector<ByteRange> tidied(std::span<const ByteRange> ranges, std::uint64_t size) {
+    std::vector<ByteRange> sorted;
+    for (const ByteRange& range : ranges) {
+        if (range.offset < size && range.size > 0) {
+            sorted.push_back({range.offset, std::min(range.size, size - range.offset)});
+        }
+    }
+    std::sort(sorted.begin(), sorted.end(),
+              [](const ByteRange& a, const ByteRange& b) { return a.offset < b.offset; });
+    std::vector<ByteRange> out;
+    for (const ByteRange& range : sorted) {
+        if (!out.empty() && range.offset < end_of(out.back())) {
+            out.back().size = std::max(end_of(out.back()), end_of(range)) - out.back().offset;
+        } else {
+            out.push_back(range);
+        }
+    }
+    return out;
+}
+
+}  // namespace
+
+void UrlBytes::want(std::span<const ByteRange> ranges) const {
+    Hint hint;
+    hint.ranges = tidied(ranges, state_.size);
+    const Lock lock(mutex_);
+    if (broken_ != nullptr || hint.ranges.empty()) {
+        return;
+    }
+    hint.place = {rounds_ + 1, ++generation_};
+    hints_.push_back(std::move(hint));
+    if (hints_.size() > kMaxHints) {
+        hints_.pop_front();
+    }
+    ask_for_hints();
+}
+
+void UrlBytes::ask_for_hints() const {
+    while (!hints_.empty() && !is_closing_) {
+        Hint& hint = hints_.front();
+        std::vector<ByteRange> batch;
+        std::uint64_t bytes = 0;
+        bool fits = true;
+        for (; hint.next < hint.ranges.size() && fits; ++hint.next) {
+            const ByteRange& range = hint.ranges[hint.next];
+            const std::vector<ByteRange> absent = extents_.absent(range);
+            // Includes the maximum waste of joined requests.
+            const std::uint64_t more = bytes + range.size + range.size / 4;
+            if (absent.empty() || range.size > options_.budget_bytes / 2) {
+                continue;
+            }
+            if (!extents_.make_room_for_hint(more, hint.place.generation)) {
+                fits = false;
+                break;
+            }
+            bytes = more;
+            batch.insert(batch.end(), absent.begin(), absent.end());
+        }
+        if (!batch.empty() && cache_ != nullptr) {
+            to_load_.push_back(hold_places(batch, hint.place, false));
+            loading_->add(0, [this] { load_next_batch(); });
+        } else if (!batch.empty()) {
+            ask(batch, hint.place, false);
+        }
+        if (!fits) {
+            return;
+        }
+        hints_.pop_front();
+    }
+}
+
+void UrlBytes::ask(const std::vector<ByteRange>& absent, const Place& place, bool is_urgent) const {
+    const auto is_absent = [this](const ByteRange& gap) {
+        const std::vector<ByteRange> parts = extents_.absent(gap);
+        return parts.size() == 1 && parts[0].size == gap.size;
+    };
+    for (const JoinedRange& joined : join_ranges(absent, kJoinLimits, is_absent)) {
+        extents_.make_room(joined.range.size);
+        ExtentPointer extent = extents_.insert(joined.range);
+        extent->unread = joined.wanted;
+        extent->round = place.round;
+        extent->generation = place.generation;
+        extent->is_urgent = is_urgent;
+        (is_urgent ? urgent_ : hinted_).push_back(std::move(extent));
+    }
+    loop_.wake();
+}
+
+std::vector<UrlBytes::ExtentPointer> UrlBytes::hold_places(const std::vector<ByteRange>& absent,
+                                                           const Place& place,
+                                                           bool is_urgent) const {
+    std::vector<ExtentPointer> out;
+    for (const ByteRange& range : absent) {
+        extents_.make_room(range.size);
+        out.push_back(extents_.insert(range));
+        out.back()->unread = range.size;
+        out.back()->round = place.round;
+        out.back()->generation = place.generation;
+        out.back()->is_urgent = is_urgent;
+        out.back()->is_started = true;
+    }
+    return out;
+}
+
+/// Whatever fails here, no place remains that somebody waits for and nobody fills.
+void UrlBytes::load_from_cache(const std::vector<ExtentPointer>& wanted) const {
+    for (const ExtentPointer& extent : wanted) {
+        std::optional<std::vector<std::byte>> bytes;
+        try {
+            Lock lock(mutex_);
+            const bool may_be_wrong = is_distrusted(extent->range);
+            lock.unlock();
+            if (!may_be_wrong) {
+                bytes = cache_->load(extent->range);
+            }
+        } catch (const std::exception&) {
+            bytes.reset();  // as if the cache had none
+        }
+        if (!bytes || bytes->size() != extent->range.size) {
+            continue;
+        }
+        cache_bytes_ += bytes->size();
+        const Lock lock(mutex_);
+        extent->bytes = std::move(*bytes);
+        extent->received = extent->range.size;
+        extent->round = 0;
+        extent->state = Extent::State::present;
+        changed_.notify_all();
+    }
+    const Lock lock(mutex_);
+    Place place;
+    bool is_urgent = false;
+    std::size_t missing = 0;
+    for (const ExtentPointer& extent : wanted) {
+        if (extent->state == Extent::State::coming) {
+            place = {extent->round, extent->generation};
+            is_urgent = is_urgent || extent->is_urgent;
+            ++missing;
+            extent->state = Extent::State::replaced;
+            extents_.erase(*extent);
+            extent->count_no_more();  // before making room for what replaces it
+        }
+    }
+    if (missing == 0) {
+        return;
+    }
+    changed_.notify_all();
+    std::vector<ByteRange> absent;
+    absent.reserve(missing);
+    for (const ExtentPointer& extent : wanted) {
+        if (extent->state == Extent::State::replaced) {
+            absent.push_back(extent->range);
+        }
+    }
+    ask(absent, place, is_urgent);
 }
 
 }  // namespace isonest::detail

@@ -1,5 +1,5 @@
-// The bytes of an object elsewhere: what was asked for is kept within a budget, and comes by few
-// requests.
+// The bytes of a remote object: what was requested is kept within a memory budget, and is fetched
+// by few requests.
 #pragma once
 
 #include <atomic>
@@ -18,47 +18,44 @@
 
 #include <isonest/error.h>
 
-#include "store/bytes/range_cache.h"
 #include "store/bytes/store_bytes.h"
-#include "store/remote/background.h"
-#include "store/remote/extents.h"
 #include "store/remote/fetch_loop.h"
 #include "store/remote/object_url.h"
-#include "store/remote/remote_options.h"
+#include "store/remote/ranges.h"
 
 namespace isonest::detail {
 
-/// fetched().round_trips is the length of the longest chain of requests of which each was asked for
-/// (by read() or want()) after somebody had waited for the one before. So all waits for ranges that
-/// were asked for before the first of these waits ended count once, and what came before anybody
-/// needed it counts nothing. Opening is the first.
+/// fetched().round_trips is the length of the longest chain of requests, each of which was made (by
+/// read() or want()) after somebody had waited for the previous one. So all waits for ranges that
+/// were requested before the first of these waits ended count once, and ranges that arrived before
+/// they were needed do not count. Opening is the first round trip.
 ///
-/// What the cache has of announced ranges is loaded, and what was fetched is kept in it, by a
-/// thread for each: a cache that makes room may take long, and the network does not wait for it.
-/// What is to be kept takes at most a quarter of the budget until it is; of more, nothing is kept.
+/// One thread loads prefetched ranges from the cache, another one keeps fetched ranges in it: a
+/// cache that makes room may take long, and the network must not wait for it. Data waiting to be
+/// kept take at most a quarter of the budget; beyond that, nothing is kept.
 class UrlBytes : public StoreBytes {
   public:
     static constexpr std::uint64_t kTailBytes = 64U << 10U;
-    /// Of an object that was opened before, and whose end the cache has.
+    /// For an object that was opened before, and whose end is in the cache.
     static constexpr std::uint64_t kKnownTailBytes = 64;
 
-    /// Throws as open_url().
+    /// Throws what open_url() throws.
     UrlBytes(ObjectUrl url, RemoteOptions options);
-    /// Waits until what is to be kept is in the cache; where options.check has thrown, for 0.2 s at
-    /// most.
+    /// Waits until the cache has everything that is to be kept; if options.check has thrown, for at
+    /// most 0.2 s.
     ~UrlBytes() override;
 
     [[nodiscard]] const std::string& name() const override { return object_.name; }
     [[nodiscard]] std::uint64_t size() const override { return state_.size; }
     [[nodiscard]] std::string version() const override { return version_; }
-    [[nodiscard]] bool is_far() const override { return true; }
+    [[nodiscard]] bool is_remote() const override { return true; }
     [[nodiscard]] HeldBytes read(std::uint64_t offset, std::uint64_t size) const override;
-    /// What does not fit into the budget is asked for as soon as what was announced before has been
-    /// read.
+    /// What does not fit into the budget is requested as soon as what was prefetched before has
+    /// been read.
     void want(std::span<const ByteRange> ranges) const override;
     void forget(const ByteRange& range) const override;
     [[nodiscard]] FetchedCounts fetched() const override;
-    /// The object as it was opened.
+    /// The state of the object when it was opened.
     [[nodiscard]] const ObjectState& state() const { return state_; }
 
   private:
@@ -67,13 +64,13 @@ class UrlBytes : public StoreBytes {
     class ExtentJob;
     class OpeningJob;
 
-    /// When ranges were asked for.
+    /// When ranges were requested.
     struct Place {
         std::uint64_t round = 0;
         std::uint64_t generation = 0;  ///< of want()
     };
-    /// Ranges of one want(); those before `next` have been asked for.
-    struct Announced {
+    /// Ranges of one want(); those before `next` have been requested.
+    struct Hint {
         std::vector<ByteRange> ranges;  ///< by offset
         std::size_t next = 0;
         Place place;
@@ -85,22 +82,23 @@ class UrlBytes : public StoreBytes {
     void keep_later(const ExtentPointer& extent) const;
     void load_next_batch() const;
     std::shared_ptr<FetchJob> next_job() const;
-    /// Calls check(), and notes that it threw.
+    /// Calls check(), and records whether it threw.
     void check_whoever_waits() const;
-    /// Throws what check() throws, and what broke the object.
+    /// Throws what check() throws, and the error that made the object unreadable.
     void wait_until(Lock& lock, const std::function<bool()>& is_over) const;
-    /// Whether the extent has its first `until` bytes: not if it was replaced by others.
+    /// Whether the extent has its first `until` bytes: false if it was replaced by others.
     bool wait_for(Lock& lock, const ExtentPointer& extent, std::uint64_t until) const;
-    /// All that have a part of the range; what is in none is asked for.
+    /// All extents that have a part of the range; requests what is in none.
     std::vector<ExtentPointer> extents_for(Lock& lock, const ByteRange& range) const;
     void load_from_cache(const std::vector<ExtentPointer>& wanted) const;
-    /// If the extent is announced and its cache has not been looked at: that, with its batch.
-    void load_announced(Lock& lock, const ExtentPointer& extent) const;
+    /// If the extent was prefetched and the cache has not been searched for it, loads it with its
+    /// batch.
+    void load_prefetched(Lock& lock, const ExtentPointer& extent) const;
     void end_extent(Extent& extent, Extent::State state,
                     std::shared_ptr<const Error> failure) const;
     static HeldBytes held(const std::vector<ExtentPointer>& extents, const ByteRange& range);
     // With the lock held:
-    void ask_for_announced() const;
+    void ask_for_hints() const;
     [[nodiscard]] bool is_distrusted(const ByteRange& range) const;
     void ask(const std::vector<ByteRange>& absent, const Place& place, bool is_urgent) const;
     std::vector<ExtentPointer> hold_places(const std::vector<ByteRange>& absent, const Place& place,
@@ -111,8 +109,8 @@ class UrlBytes : public StoreBytes {
     std::string query_;  ///< of ObjectState
     RemoteOptions options_;
     ObjectState state_;
-    std::optional<ObjectState> known_;  ///< of an earlier opening
-    std::string version_;               ///< also a weak one, or a time, which a cache cannot go by
+    std::optional<ObjectState> known_;  ///< from an earlier opening
+    std::string version_;  ///< may be a weak ETag or a time, which is not sufficient for a cache
     std::shared_ptr<RangeCache> cache_;
     bool is_open_ = false;
 
@@ -121,20 +119,20 @@ class UrlBytes : public StoreBytes {
     mutable Extents extents_;
     mutable std::deque<ExtentPointer> urgent_;
     mutable std::deque<ExtentPointer> hinted_;
-    mutable std::deque<std::vector<ExtentPointer>> to_load_;  ///< announced; cache_ may have them
-    mutable std::deque<Announced> announced_;
-    mutable std::deque<ByteRange> distrusted_;     ///< the cache may have wrong bytes of it
-    mutable std::shared_ptr<const Error> broken_;  ///< nothing can be read any more
-    mutable bool is_closing_ = false;              ///< nothing more is asked for
+    mutable std::deque<std::vector<ExtentPointer>> to_load_;  ///< prefetched; may be in cache_
+    mutable std::deque<Hint> hints_;
+    mutable std::deque<ByteRange> distrusted_;  ///< the cache may have wrong bytes of these ranges
+    mutable std::shared_ptr<const Error> broken_;  ///< set when nothing can be read any more
+    mutable bool is_closing_ = false;              ///< no more requests are made
     mutable std::uint64_t rounds_ = 0;
     mutable std::uint64_t generation_ = 0;
     mutable std::atomic<std::uint64_t> cache_bytes_{0};
     mutable std::atomic<bool> was_cancelled_{false};
     mutable std::shared_ptr<FetchJob> opening_;
-    // Their threads use the others.
+    // Last, because their threads use the members above.
     mutable FetchLoop loop_;
     std::unique_ptr<Background> loading_;  ///< null: there is no cache
-    std::unique_ptr<Background> keeping_;  ///< the same
+    std::unique_ptr<Background> keeping_;  ///< null: there is no cache
 };
 
 }  // namespace isonest::detail

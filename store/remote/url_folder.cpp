@@ -8,16 +8,16 @@
 
 #include <isonest/error.h>
 
-#include "store/remote/join_ranges.h"
-#include "store/remote/waiting.h"
+#include "store/remote/fetch_loop.h"
+#include "store/remote/ranges.h"
 
 namespace isonest::detail {
 namespace {
 
-/// Of memory, for each entry beside its bytes; about.
+/// Approximate memory of each entry in addition to its bytes.
 constexpr std::uint64_t kEntryBytes = 1024;
-/// Announcements after which what nobody has read is taken for a mistake.
-constexpr std::uint64_t kOldAnnouncement = 4096;
+/// Announcements after which unread entries are dropped as mistaken.
+constexpr std::uint64_t kOldPrefetch = 4096;
 
 }  // namespace
 
@@ -31,7 +31,7 @@ struct UrlFolder::Entry {
     std::vector<std::byte> bytes = {};
     std::shared_ptr<const Error> failure = nullptr;
     std::uint64_t charge = 0;
-    std::uint64_t unread = 0;  ///< of a range, bytes; else 1
+    std::uint64_t unread = 0;  ///< of a range: bytes; else 1
     std::uint64_t generation = 0;
     std::uint64_t round = 0;
     int waiting = 0;
@@ -39,7 +39,7 @@ struct UrlFolder::Entry {
     std::optional<std::list<Entry*>::iterator> place = {};  ///< in read_
 
     [[nodiscard]] bool is_over() const { return state != State::queued && state != State::coming; }
-    [[nodiscard]] std::uint64_t most_bytes() const { return part.size + kEntryBytes; }
+    [[nodiscard]] std::uint64_t max_bytes() const { return part.size + kEntryBytes; }
     [[nodiscard]] bool is_kept() const {
         return part.kind == ObjectPart::Kind::first || part.kind == ObjectPart::Kind::last;
     }
@@ -67,13 +67,13 @@ class UrlFolder::PartJob : public FetchJob {
         Entry& entry = *entry_;
         const bool is_whole = entry.part.kind == ObjectPart::Kind::whole;
         if (!is_whole && size == 0) {
-            is_empty_ = true;  // nothing comes: done() says so
+            is_empty_ = true;  // nothing comes: done() reports that
             return;
         }
         if (!is_whole) {
             if (entry.part.offset + entry.part.size > size) {
                 throw Error(ErrorKind::corrupt,
-                            fmt::format("it has {} bytes, but {} were to be read", size,
+                            fmt::format("it has {} bytes, but {} were expected", size,
                                         entry.part.offset + entry.part.size));
             }
             if (!entry.object->opened) {
@@ -97,7 +97,7 @@ class UrlFolder::PartJob : public FetchJob {
         if (is_empty_) {
             entry.failure = std::make_shared<const Error>(
                 ErrorKind::corrupt, ErrorPlace{entry.object->name},
-                fmt::format("it is empty, but {} bytes were to be read", entry.part.size));
+                fmt::format("it is empty, but {} bytes were expected", entry.part.size));
             end(Entry::State::failed);
             return;
         }
@@ -206,7 +206,7 @@ void UrlFolder::forget(Entry& entry) {
         read_.erase(*entry.place);
         entry.place.reset();
     }
-    entries_.erase(key_of(entry.part));  // which may be the last that holds it
+    entries_.erase(key_of(entry.part));  // may be the last reference to it
 }
 
 void UrlFolder::set_charge(Entry& entry, std::uint64_t bytes) {
@@ -217,7 +217,7 @@ void UrlFolder::set_charge(Entry& entry, std::uint64_t bytes) {
 }
 
 bool UrlFolder::fits(const Entry& entry) const {
-    return charged_ + entry.most_bytes() <= options_.budget_bytes;
+    return charged_ + entry.max_bytes() <= options_.budget_bytes;
 }
 
 bool UrlFolder::make_room(const Entry& entry, bool is_urgent) {
@@ -233,7 +233,7 @@ bool UrlFolder::make_room(const Entry& entry, bool is_urgent) {
         std::vector<EntryPointer> unread;
         for (const auto& [key, other] : entries_) {
             if (other->is_over() && other->waiting == 0) {
-                unread.push_back(other);  // or one that failed, which is asked for again
+                unread.push_back(other);  // or one that failed, which is requested again
             }
         }
         for (; !unread.empty() && !fits(entry); unread.pop_back()) {
@@ -258,7 +258,7 @@ std::shared_ptr<FetchJob> UrlFolder::next_job() {
             auto job = std::make_shared<PartJob>(*this, entry);
             queue.pop_front();
             entry->state = Entry::State::coming;
-            set_charge(*entry, entry->most_bytes());
+            set_charge(*entry, entry->max_bytes());
             return job;
         }
     }
@@ -280,7 +280,7 @@ FetchedPart UrlFolder::take(const EntryPointer& entry, const ObjectPart& part) {
         loop_.wake();  // there may be room now
     }
     if (!urgent_.empty()) {
-        loop_.wake();  // nobody waits for this any more: it may give way
+        loop_.wake();  // nobody waits for this any more: it may be dropped
     }
     return out;
 }
@@ -310,7 +310,7 @@ FetchedPart UrlFolder::read(const ObjectPart& part) {
                                [&entry] { return entry->is_over(); });
             } catch (...) {
                 if (!lock.owns_lock()) {
-                    lock.lock();  // what counts is guarded
+                    lock.lock();  // the counter needs the lock
                 }
                 throw;
             }
@@ -327,7 +327,7 @@ FetchedPart UrlFolder::read(const ObjectPart& part) {
         if (entry->state == Entry::State::present) {
             return take(entry, part);
         }
-        // It was forgotten in the meantime.
+        // It was forgotten in the meantime: try again.
     }
 }
 
@@ -343,7 +343,7 @@ void UrlFolder::forget_unused() {
     std::vector<EntryPointer> old;
     for (const auto& [key, entry] : entries_) {
         if (!entry->place && entry->waiting == 0 && entry->state != Entry::State::coming &&
-            entry->generation + kOldAnnouncement < generation_) {
+            entry->generation + kOldPrefetch < generation_) {
             old.push_back(entry);
         }
     }
@@ -354,7 +354,7 @@ void UrlFolder::forget_unused() {
 
 void UrlFolder::want(std::span<const ObjectPart> parts) {
     const Lock lock(mutex_);
-    if (++generation_ % kOldAnnouncement == 0) {
+    if (++generation_ % kOldPrefetch == 0) {
         forget_unused();
     }
     for (std::size_t i = 0; i < parts.size();) {
@@ -385,7 +385,7 @@ void UrlFolder::want_ranges(std::span<const ObjectPart> ranges) {
             known->generation = generation_;
         } else if (part.size > 0 && part.size + kEntryBytes <= options_.budget_bytes) {
             absent.push_back({part.offset, part.size});
-            limits.largest = std::max(limits.largest, part.size);  // no part is cut
+            limits.largest = std::max(limits.largest, part.size);  // parts are not split
         }
     }
     std::sort(absent.begin(), absent.end(),

@@ -9,33 +9,33 @@
 
 namespace isonest {
 
-/// What a node's number measures before it is saturated (section 4 of the paper). x is the node,
+/// What the number of a node measures before saturation (section 4 of the paper). x is the node,
 /// U_delta(x) = U(x) - (U(x1) + U(x2)) / 2 with x1, x2 the ends of its refinement edge.
 enum class Indicator : std::uint8_t {
-    linf,              ///< eta_infinity = |U_delta|
-    deviation,         ///< eta*_infinity: |U - U^l| over the support of x, U the finest function
-    l1,                ///< eta_1 = |U_delta| sum |T| / (d + 1)
-    l2,                ///< eta_2 = |U_delta| sqrt(sum |T|) / (d + 1)
-    grad_linf,         ///< eta_{1,infinity} = max |grad U_delta|
-    grad_l1,           ///< eta_{1,1}: the integral of |grad U_delta| over the support
-    grad_l2,           ///< eta_{1,2}: the square root of that of |grad U_delta|^2
-    grad_edge,         ///< eta_{1,e} = 2 |U_delta| / h(e_ref)
-    normal,            ///< the jump of grad U / |grad U| over F_ref, as a vector, the largest one
+    linf,       ///< eta_infinity = |U_delta|
+    deviation,  ///< eta*_infinity: |U - U^l| over the support of x, U the finest function
+    l1,         ///< eta_1 = |U_delta| sum |T| / (d + 1)
+    l2,         ///< eta_2 = |U_delta| sqrt(sum |T|) / (d + 1)
+    grad_linf,  ///< eta_{1,infinity} = max |grad U_delta|
+    grad_l1,    ///< eta_{1,1}: the integral of |grad U_delta| over the support
+    grad_l2,    ///< eta_{1,2}: the square root of the integral of |grad U_delta|^2 over the support
+    grad_edge,  ///< eta_{1,e} = 2 |U_delta| / h(e_ref)
+    normal,     ///< the largest jump of grad U / |grad U| over F_ref, as a vector
     normal_edge,       ///< eta_{N,e}: the jump of the derivative along e_ref over |grad U|
     normal_turn,       ///< the largest change of grad U / |grad U| from an element to its children
-    normal_component,  ///< eta_N: the part of that jump that is normal to F_ref, the largest one
-    /// Of a hexahedral (quadrilateral) cell: the largest |U - U_C| in the nodes that refine it, U_C
-    /// being d-linear between its corners.
+    normal_component,  ///< eta_N: the largest component normal to F_ref of that jump
+    /// For a hexahedral (quadrilateral) cell: the largest |U - U_C| over the nodes that refine it;
+    /// U_C is d-linear between its corners.
     hex_offset
 };
-/// Of nodes: all but hex_offset.
+/// Number of indicators of nodes: all but hex_offset.
 inline constexpr int kIndicatorCount = 12;
 
 /// How a node covers its children: bar(x) = max(eta(x), max bar(c)), plus(x) = eta(x) + max
 /// plus(c).
 enum class Saturation : std::uint8_t { bar, plus };
 
-/// Values, or an indicator with its saturation.
+/// The values, or an indicator with its saturation.
 enum class Field : std::uint8_t {
     values,
     linf_bar,       ///< an estimate
@@ -62,8 +62,9 @@ enum class Field : std::uint8_t {
     normal_turn_plus,  ///< a bound on |N - N^l|, N = grad U / |grad U|
     normal_component_bar,
     normal_component_plus,
-    hex_linf,      ///< hex_offset, saturated by bar: an estimate
-    hex_deviation  ///< the same by plus: a bound on |U - P|, P the projection on hexahedral cells
+    hex_linf,      ///< hex_offset with saturation bar: an estimate
+    hex_deviation  ///< hex_offset with saturation plus: a bound on |U - P|, P the projection on
+                   ///< hexahedral cells
 };
 inline constexpr int kFieldCount = 1 + 2 * kIndicatorCount + 2;
 
@@ -75,30 +76,31 @@ Indicator indicator_of(Field field);
 Saturation saturation_of(Field field);
 Field field_of(Indicator indicator, Saturation saturation);
 
-/// At level 1 the deviation is attained at nodes that the element's own refinement reaches, so the
-/// deviation fields there are the fields of eta_infinity; every other field is its own.
+/// The field from which `field` is derived at level 1. There the deviation is attained at nodes
+/// that the element's own refinement reaches, so the deviation fields equal the fields of
+/// eta_infinity. All other fields are their own source.
 Field source_at_level_1(Field field);
-/// Whether level 1 keeps the centres alone, because its faces and edges follow from the values of
-/// level 0 by query/view/finest_indicators.h.
+/// Whether level 1 stores only the centres, because faces and edges follow from the values of level
+/// 0 (query/values/brick_view.h).
 bool centre_suffices_at_level_1(Field field);
 
 /// Whether the field (or, for grad_linf_plus, h(T) times it) bounds |U - U^l| in an element that
 /// refines at the node: section 5 of the paper, without its factor 1/2.
 bool is_bound(Field field);
 
-/// Whether the field has one number for each hexahedral cell, not one for each node: hex_linf and
-/// hex_deviation. The children of a cell in its saturation are all cells of the next finer level
+/// Whether the field has one number per hexahedral cell instead of one per node: hex_linf and
+/// hex_deviation. In its saturation, the children of a cell are all cells of the next finer level
 /// that share a node with it.
 bool is_of_cells(Field field);
 
-/// What preprocess makes unless told otherwise.
+/// The fields that preprocess() computes by default.
 const std::vector<Field>& default_indicators();
 /// All indicator fields of nodes, in the order of the store.
 const std::vector<Field>& node_indicators();
-/// Those and, behind them, the fields of cells.
+/// node_indicators(), followed by the fields of cells.
 const std::vector<Field>& all_fields();
-/// The indicator of that name; of `nodes`, node_indicators(); of `all`, all_fields(). Empty where
-/// none has it.
+/// The indicator of that name; for `nodes`, node_indicators(); for `all`, all_fields(). Empty for
+/// unknown names.
 std::vector<Field> indicators_from_name(std::string_view name);
 std::vector<std::string> names_of(const std::vector<Field>& fields);
 /// "linf_bar, linf_plus": for messages.

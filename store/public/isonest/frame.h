@@ -1,4 +1,5 @@
-// The anatomical frame of a volume's world coordinates: which way along a patient its axes point.
+// The anatomical frame of a volume's world coordinates: in which direction along a patient the axes
+// point.
 #pragma once
 
 #include <cstdint>
@@ -7,12 +8,12 @@
 
 namespace isonest {
 
-/// What the world's x, y and z mean. The letters say to which side of the patient each of them
-/// increases: R(ight) or L(eft), A(nterior) or P(osterior), S(uperior). NIfTI and FreeSurfer have
-/// RAS, DICOM and ITK LPS. A position in one becomes the same position in the other by negating its
-/// x and y.
+/// Meaning of the world's x, y and z. The letters give the side of the patient towards which each
+/// of them increases: R(ight) or L(eft), A(nterior) or P(osterior), S(uperior). NIfTI and
+/// FreeSurfer use RAS, DICOM and ITK use LPS. Negating x and y converts a position from one to the
+/// other.
 enum class AnatomicalFrame : std::uint8_t {
-    unknown,  ///< nothing says it, or the volume is of no patient
+    unknown,  ///< not specified, or the volume is not of a patient
     ras,
     lps
 };
@@ -24,16 +25,16 @@ constexpr std::string_view name_of(AnatomicalFrame frame) {
                                            : "unknown";
 }
 
-/// By one of the names above but "unknown", in capital or small letters.
+/// The frame of one of these names except "unknown", in capital or small letters.
 constexpr std::optional<AnatomicalFrame> frame_from(std::string_view name) {
     return name == "RAS" || name == "ras"   ? std::optional(AnatomicalFrame::ras)
            : name == "LPS" || name == "lps" ? std::optional(AnatomicalFrame::lps)
                                             : std::nullopt;
 }
 
-/// The sign of x and y when positions in one frame become positions in the other one: -1 where both
-/// are known and differ, else 1. z stays. Turning a whole half circle about z, this leaves what is
-/// right-handed right-handed.
+/// The sign of x and y when positions are converted between frames: -1 if both are known and
+/// differ, else 1. z does not change. The conversion is a rotation by 180 degrees about z, so
+/// handedness is preserved.
 constexpr int sign_between(AnatomicalFrame from, AnatomicalFrame to) {
     return from != to && from != AnatomicalFrame::unknown && to != AnatomicalFrame::unknown ? -1
                                                                                             : 1;

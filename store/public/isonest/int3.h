@@ -8,7 +8,7 @@
 namespace isonest {
 
 /// Three 64-bit integers in the order x, y, z. Arrays in memory and in files are [z][y][x], x
-/// fastest; this type never holds that order.
+/// fastest; this type never uses that order.
 struct Int3 {
     std::int64_t x = 0;
     std::int64_t y = 0;
@@ -52,7 +52,8 @@ constexpr Int3 ceil_div(const Int3& a, const Int3& b) {
 
 using Double3 = std::array<double, 3>;  ///< x, y, z in world units
 
-/// The world directions of the axes x, y and z: unit vectors that are orthogonal and right-handed.
+/// World directions of the axes x, y and z: unit vectors, right-handed. They are not at right
+/// angles in a sheared lattice.
 using Directions = std::array<Double3, 3>;
 inline constexpr Directions kAlongWorld{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
 

@@ -1,4 +1,4 @@
-// What labels of a segmentation are called, and in which colour they are drawn.
+// Names and colours of the labels of a segmentation.
 #pragma once
 
 #include <array>
@@ -9,19 +9,19 @@
 
 namespace isonest {
 
-/// Red, green and blue, as screens have them (sRGB).
+/// Red, green and blue in sRGB.
 using LabelColor = std::array<std::uint8_t, 3>;
 
-/// What is said of one label: a name, a colour, or both.
+/// The name of a label, its colour, or both.
 struct LabelName {
     std::int64_t id = 0;
-    /// UTF-8 without control characters, at most kMostBytes; empty: it has none.
+    /// UTF-8 without control characters, at most kMaxBytes bytes; empty: no name.
     std::string name = {};
     std::optional<LabelColor> color = {};
 
-    static constexpr std::size_t kMostBytes = 255;
-    /// A store holds so many at most.
-    static constexpr std::size_t kMostOfStore = std::size_t{1} << 16U;
+    static constexpr std::size_t kMaxBytes = 255;
+    /// Maximum number of label names in a store.
+    static constexpr std::size_t kMaxOfStore = std::size_t{1} << 16U;
 
     bool operator==(const LabelName&) const = default;
 };

@@ -1,4 +1,4 @@
-// How long work reports where it is and learns that it should stop.
+// Progress reports and cancellation of long operations.
 #pragma once
 
 #include <cstdint>
@@ -6,7 +6,7 @@
 
 namespace isonest {
 
-/// Passed down to every long operation. The default is silent and never stops.
+/// Passed to every long operation. The default reports nothing and never stops.
 /// Thread-safety: all methods may be called from any thread at any time.
 class Progress {
   public:
@@ -14,12 +14,12 @@ class Progress {
     Progress(const Progress&) = delete;
     Progress& operator=(const Progress&) = delete;
     virtual ~Progress() = default;
-    /// A phase begins that has `total` units of `unit` ("B" for bytes, else a plural noun).
+    /// A phase of `total` units begins; `unit` is "B" for bytes, else a plural noun.
     virtual void begin(std::string_view /*phase*/, std::uint64_t /*total*/,
                        std::string_view /*unit*/) {}
-    /// `amount` more units of the current phase are done.
+    /// `amount` more units of the current phase are complete.
     virtual void advance(std::uint64_t /*amount*/) {}
-    /// True once the user asked to stop; the operation then throws Error{cancelled} soon.
+    /// True once the user has asked to stop; the operation then soon throws Error{cancelled}.
     [[nodiscard]] virtual bool cancelled() const { return false; }
     /// Throws Error{cancelled} if cancelled().
     void check() const;

@@ -23,18 +23,18 @@ class DiskCache;
 class StoreReader;
 }  // namespace detail
 
-/// What preprocess() made: all levels of a volume and the indicators of every node, in one file
-/// that is mapped read-only, or in an object elsewhere of which what is asked for is fetched. Not
-/// to be used after it was moved from. Thread-safety: const methods, and any number of queries of
-/// the same Store, from any threads.
+/// The result of preprocess(): all levels of a volume and the indicators of every node. It is
+/// either a local file, mapped read-only, or a remote object, of which only the required parts are
+/// fetched. Must not be used after being moved from. Thread-safety: const methods and any number of
+/// queries of the same Store from any threads.
 class Store {
   public:
-    /// A file, or what is_url() takes for a URL: then `remote` says how it is reached. Throws
-    /// Error{not_found}, Error{corrupt} (not a store, incomplete, damaged), Error{unsupported} (a
-    /// format that this version does not read; a URL, where the library was built without libcurl),
-    /// Error{invalid_argument} (a URL or header that is none), Error{io}, and what remote.check
-    /// throws. Queries of a store elsewhere throw Error{io}, too, and Error{corrupt} if the object
-    /// is not the one any more that was opened.
+    /// Opens a file, or a URL as defined by is_url(); `remote` says how to access a URL. Throws
+    /// Error{not_found}, Error{corrupt} (no HDF5 file, incomplete, damaged), Error{unsupported} (a
+    /// format that this version does not read; a URL if the library was built without libcurl),
+    /// Error{invalid_argument} (another HDF5 file; invalid URL or header), Error{io}, and what
+    /// remote.check throws. Queries of a remote store also throw Error{io}, and Error{corrupt} if
+    /// the object has changed since it was opened.
     explicit Store(const std::filesystem::path& location, const RemoteAccess& remote = {});
     Store(Store&& other) noexcept;
     Store& operator=(Store&& other) noexcept;
@@ -42,15 +42,15 @@ class Store {
     Store& operator=(const Store&) = delete;
     ~Store();
 
-    /// The file; of a store elsewhere the URL without userinfo, query and fragment, which is for
-    /// messages: its last part is what files that go with the store are called.
+    /// The path of the file. For a remote store, the URL without userinfo, query and fragment, for
+    /// messages; its last part is the base name of files that belong to the store.
     [[nodiscard]] const std::filesystem::path& path() const;
-    /// Whether it is read over a network.
+    /// Whether the store is read over a network.
     [[nodiscard]] bool is_remote() const;
-    /// Until now, by all queries together.
+    /// Total so far, over all queries.
     [[nodiscard]] FetchedCounts fetched() const;
     /// Why the folder RemoteAccess::cache is not used, or why nothing is added to it any more;
-    /// empty if nothing is wrong with it.
+    /// empty if there is no problem.
     [[nodiscard]] std::string cache_warning() const;
     /// Nodes per axis (x, y, z) of the finest level.
     [[nodiscard]] Int3 nodes() const;
@@ -59,37 +59,37 @@ class Store {
     /// units.
     [[nodiscard]] Double3 spacing() const;
     [[nodiscard]] Double3 origin() const;
-    /// Of the axes: kAlongWorld unless the volume was rotated.
+    /// Directions of the axes: kAlongWorld unless the volume is rotated or sheared.
     [[nodiscard]] Directions direction() const;
-    /// That a world unit is; nothing where it is not known.
+    /// Length of a world unit; nullopt if unknown.
     [[nodiscard]] std::optional<LengthUnit> unit() const;
-    /// What the world's x, y and z are in a patient; unknown where the volume did not say it.
+    /// What the world's x, y and z mean in a patient; unknown if the volume did not say.
     [[nodiscard]] AnatomicalFrame frame() const;
-    /// How many world units are as long as `length` of `given`. Throws Error{invalid_argument}
-    /// where unit() is not known.
+    /// Converts `length` in units of `given` to world units. Throws Error{invalid_argument} if
+    /// unit() is unknown.
     [[nodiscard]] double world_units(double length, LengthUnit given) const;
     /// 0 is the finest level, levels() - 1 the coarsest.
     [[nodiscard]] int levels() const;
-    /// The indicators that it holds, in the order of the file.
+    /// The indicators in the store, in the order of the file.
     [[nodiscard]] const std::vector<Field>& fields() const;
     /// Smallest and largest finite value of the finest level; min > max if there is none.
     [[nodiscard]] double min_value() const;
     [[nodiscard]] double max_value() const;
     /// Whether values are missing (NaN or infinite).
     [[nodiscard]] bool has_missing() const;
-    /// Names and colours of labels, by rising ids, as the input had them when the store was made
-    /// for labels; also of labels that no node has. Empty where nothing is known.
+    /// Names and colours of labels, by ascending ids, as read from the input if the store was made
+    /// for labels; may include labels that no node has. Empty if none are known.
     [[nodiscard]] std::vector<LabelName> label_names() const;
-    /// Of one label; none where nothing is known of it.
+    /// The name and colour of one label; nullopt if unknown.
     [[nodiscard]] std::optional<LabelName> label_name(std::int64_t id) const;
-    /// The ids of all labels of this name, rising.
+    /// The ids of all labels with this name, ascending.
     [[nodiscard]] std::vector<std::int64_t> labels_named(std::string_view name) const;
 
-    /// For the library's own parts.
+    /// For internal use by the library.
     [[nodiscard]] const detail::StoreReader& reader() const { return *reader_; }
 
   private:
-    std::shared_ptr<const detail::DiskCache> cache_;  ///< null: none
+    std::shared_ptr<const detail::DiskCache> cache_;  ///< null: no cache
     std::unique_ptr<const detail::StoreReader> reader_;
 };
 

@@ -1,4 +1,4 @@
-// The eight scalar types of a volume, and the way from the run-time tag to the C++ type and back.
+// The eight scalar types of a volume, and conversion between the run-time tag and the C++ type.
 #pragma once
 
 #include <cstddef>
@@ -10,7 +10,7 @@
 
 // NOLINTBEGIN(bugprone-macro-parentheses): the arguments are names and types
 
-/// The one list of the types: X(tag, type) for each.
+/// The list of all types: X(tag, type) for each.
 #define ISONEST_FOR_EACH_VALUE_TYPE(X) \
     X(u8, std::uint8_t)                \
     X(i8, std::int8_t)                 \
@@ -33,7 +33,7 @@ struct TypeTag {
     using type = T;
 };
 
-/// Calls f(TypeTag<T>{}) with the C++ type that `type` names.
+/// Calls f(TypeTag<T>{}) with the C++ type T of `type`.
 template <class F>
 decltype(auto) dispatch(ValueType type, F&& f) {
     switch (type) {
@@ -46,7 +46,7 @@ decltype(auto) dispatch(ValueType type, F&& f) {
     return std::forward<F>(f)(TypeTag<double>{});
 }
 
-/// The tag of a C++ type; there is none for other types than the eight.
+/// The tag of a C++ type; defined only for the eight types.
 template <class T>
 inline constexpr ValueType value_type_of = [] {
 #define ISONEST_IS(tag, Type)                \
@@ -68,13 +68,13 @@ std::string_view name_of(ValueType type);
 /// Inverse of name_of(); also takes the short forms "u8", "i16", "f32", "float", "double", ...
 std::optional<ValueType> value_type_from_name(std::string_view name);
 
-/// The arithmetic in which indicators of values of type T are computed: float where it is exact for
-/// sums of two values times dyadic weights, else double.
+/// The type in which indicators of values of type T are computed: float if it is exact for sums of
+/// two values times dyadic weights, else double.
 template <class T>
 using RealFor = std::conditional_t<sizeof(T) <= 2, float, double>;
 
-/// Whether that arithmetic rounds, and indicators have to be rounded outward
-/// (store/base/outward.h).
+/// Whether that arithmetic rounds, so that indicators have to be rounded outward
+/// (store/base/vectors.h).
 template <class T>
 inline constexpr bool rounds_outward = std::is_same_v<T, double>;
 
