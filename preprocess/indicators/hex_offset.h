@@ -1,8 +1,9 @@
-// The indicators of hexahedral (quadrilateral) cells: one number for each cube of a level.
+// The indicators of hexahedral (quadrilateral) cells: one number per cube of a level.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 1 and Fig. 4, the offset indicator of section 4
-// carried over to cells that are refined into eight: the largest difference, in the nodes that do
-// not belong to the cell but to its children, from the function that is d-linear in the cell.
+// Source: Gerstner, Rumpf, Weikard (2000), section 1 and Fig. 4. The offset indicator of section 4
+// is transferred to cells that are refined into eight: the largest difference from the function
+// that is d-linear in the cell, over the nodes of the cell's children that are not nodes of the
+// cell.
 #pragma once
 
 #include <algorithm>
@@ -23,19 +24,19 @@ constexpr int cell_slot(unsigned flat) {
     return slot_of((flat & 1U) != 0 ? 0 : 1, (flat & 2U) != 0 ? 0 : 1, (flat & 4U) != 0 ? 0 : 1);
 }
 
-/// A node that is the middle of two others, `step` positions before and after it.
+/// A node in the middle between two others, `step` positions before and after it.
 struct MiddleNode {
     std::uint8_t position;
     std::uint8_t step;
 };
-/// The 19 nodes of a cell that are no corners, each after those of which it is the middle.
+/// The 19 nodes of a cell that are not corners, each after the two nodes around it.
 constexpr std::array<MiddleNode, 19> make_middle_nodes() {
     constexpr std::array<unsigned, 3> kStep{1, 3, 9};
     std::array<MiddleNode, 19> nodes{};
     std::size_t count = 0;
     for (std::size_t axis = 0; axis < 3; ++axis) {
         for (unsigned p = 0; p < 27; ++p) {
-            // Axes done so far may be anywhere, later ones in corners.
+            // Any position along the axes processed so far; corners along later ones.
             bool here = p / kStep[axis] % 3 == 1;
             for (std::size_t later = axis + 1; later < 3; ++later) {
                 here = here && p / kStep[later] % 3 != 1;
@@ -50,9 +51,10 @@ constexpr std::array<MiddleNode, 19> make_middle_nodes() {
 }
 inline constexpr std::array<MiddleNode, 19> kMiddleNodes = make_middle_nodes();
 
-/// Of one cell: `u` are the values at node positions x + 3 y + 9 z (half edges), those on flat axes
-/// alike. Infinite if one is missing, or sums of them are beyond the range of doubles. At least the
-/// exact number; `rounded`: the values are doubles, whose means may be rounded.
+/// The offset of one cell. `u`: values at node positions x + 3 y + 9 z (half edges), equal along
+/// flat axes. Infinite if one is missing, or if sums of them exceed the range of doubles. The
+/// result is at least the exact number; `rounded`: the values are doubles, whose means may be
+/// rounded.
 inline double hex_offset(const std::array<double, 27>& u, bool rounded) {
     std::array<double, 27> linear = u;
     double largest = 0;
@@ -79,7 +81,7 @@ inline double hex_offset(const std::array<double, 27>& u, bool rounded) {
     return largest + 8 * std::numeric_limits<double>::epsilon() * size;
 }
 
-/// Puts the offsets of the cells of layer k into the slot of their centres. `values`: `step` nodes
+/// Stores the offsets of the cells of layer k in the slot of their centres. `values`: `step` nodes
 /// per half edge of a cell.
 template <class Values, class Real>
 void hex_offsets(const LayerRange& range, std::int64_t k, unsigned flat, int step,
@@ -103,8 +105,8 @@ void hex_offsets(const LayerRange& range, std::int64_t k, unsigned flat, int ste
     });
 }
 
-/// Saturates the cells of layer k by all cells of the next finer level that share a node with them.
-/// `centres`: as saturate_even_plane() takes it.
+/// Saturates the cells of layer k over all cells of the next finer level that share a node with
+/// them. `centres`: as for saturate_even_plane().
 template <class Real>
 void saturate_cells(const LayerRange& range, std::int64_t k, unsigned flat,
                     const Box<float>* centres, Saturation saturation, Layer<Real>& layer) {

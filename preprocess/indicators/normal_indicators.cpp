@@ -3,7 +3,7 @@
 #include <cmath>
 #include <limits>
 
-#include "preprocess/indicators/diamond.h"
+#include "preprocess/indicators/offset_norms.h"
 #include "store/lattice/simplex.h"
 
 namespace isonest::detail {
@@ -15,7 +15,7 @@ Double3 gradient(const std::array<Double3, 4>& weights, const std::array<double,
     Double3 g{};
     for (std::size_t i = 0; i < 4; ++i) {
         for (std::size_t a = 0; a < 3; ++a) {
-            // Differences to the first value: a constant has gradient 0 exactly.
+            // Differences from the first value: the gradient of a constant is exactly 0.
             g[a] += weights[i][a] * (values[i] - values[0]);
         }
     }
@@ -37,7 +37,8 @@ double distance(const Double3& a, const Double3& b) {
 
 }  // namespace
 
-NormalIndicators::NormalIndicators(const Double3& spacing, int level, unsigned flat) : flat_(flat) {
+NormalIndicators::NormalIndicators(const LatticeSteps& steps, int level, unsigned flat)
+    : flat_(flat) {
     const double half_edge = std::ldexp(1.0, level - 1);
     for (unsigned parities = 0; parities < 8; ++parities) {
         for (int slot = 0; slot < kSlots; ++slot) {
@@ -55,10 +56,9 @@ NormalIndicators::NormalIndicators(const Double3& spacing, int level, unsigned f
                 for (std::size_t i = 0; i < static_cast<std::size_t>(element.vertices); ++i) {
                     const Int3& v = element.v[i];
                     e.v[i] = static_cast<std::uint8_t>((v.x + 1) + 3 * (v.y + 1) + 9 * (v.z + 1));
-                    for (int axis = 0; axis < 3; ++axis) {
-                        const auto a = static_cast<std::size_t>(axis);
-                        whole.v[i][a] = static_cast<double>(v[axis]) * half_edge * spacing[a];
-                    }
+                    whole.v[i] = steps.vector({static_cast<double>(v.x) * half_edge,
+                                               static_cast<double>(v.y) * half_edge,
+                                               static_cast<double>(v.z) * half_edge});
                 }
                 e.whole = whole.gradient_weights();
                 for (std::size_t end = 0; end < 2; ++end) {
@@ -66,7 +66,8 @@ NormalIndicators::NormalIndicators(const Double3& spacing, int level, unsigned f
                     child.v[end] = {0, 0, 0};
                     e.children[end] = child.gradient_weights();
                 }
-                // In child 0 the function that is 1 at v[1] and 0 elsewhere is 0 on that face.
+                // In child 0, the function that is 1 at v[1] and 0 at the other vertices is 0 on
+                // that face.
                 e.across = unit(e.children[0][1]);
                 e.edge_length = distance(whole.v[0], whole.v[1]);
                 table.push_back(e);
@@ -79,7 +80,7 @@ NormalChange NormalIndicators::at(const Int3& owner, int slot, const Int3& cells
                                   const Neighbourhood& values) const {
     const auto parities =
         static_cast<unsigned>((owner.x & 1) + 2 * (owner.y & 1) + 4 * (owner.z & 1)) & ~flat_;
-    NormalChange change;  // of `jump` and `turn` the squares, until the largest are found
+    NormalChange change;  // `jump` and `turn` contain squares until the largest are found
     for (const Element& e : tables_[parities * kSlots + static_cast<unsigned>(slot)]) {
         const Int3 cube = owner + e.cube;
         if (min(cube, {0, 0, 0}) != Int3{0, 0, 0} || max(cube + Int3{1, 1, 1}, cells) != cells) {
@@ -87,7 +88,7 @@ NormalChange NormalIndicators::at(const Int3& owner, int slot, const Int3& cells
         }
         std::array<double, 4> u{};
         for (std::size_t i = 0; i < 4; ++i) {
-            // Beyond an element's vertices the weights are 0.
+            // Unused vertices have weight 0.
             u[i] = values[e.v[i < static_cast<std::size_t>(e.vertices) ? i : 0]];
         }
         const Double3 before = unit(gradient(e.whole, u));

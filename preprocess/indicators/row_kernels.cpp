@@ -5,13 +5,12 @@
 #include <limits>
 #include <type_traits>
 
-#include "store/base/outward.h"
-#include "store/base/simd.h"
+#include "store/base/vectors.h"
 
 namespace isonest::detail {
 namespace {
 
-/// Calls use(i, difference) for every lane, with a loop of its own for each number of terms.
+/// Calls use(i, difference) for every lane, with a separate loop for each number of terms.
 template <class Real, class Use>
 [[gnu::always_inline]] inline void each_nearest_difference(const Interpolation<Real>& d,
                                                            std::int64_t n, const Use& use) {
@@ -39,7 +38,7 @@ template <class Real, class Use>
     }
 }
 
-/// The same in doubles, at least the exact differences.
+/// The same for doubles, with results that are at least the exact differences.
 template <class Use>
 [[gnu::always_inline]] inline void each_outward_difference(const Interpolation<double>& d,
                                                            std::int64_t n, const Use& use) {
@@ -70,7 +69,7 @@ template <class Use>
     }
 }
 
-/// The one of the two that d asks for.
+/// Chooses between the two according to d.outward.
 template <class Real, class Use>
 [[gnu::always_inline]] inline void each_difference(const Interpolation<Real>& d, std::int64_t n,
                                                    const Use& use) {
@@ -83,7 +82,7 @@ template <class Real, class Use>
     each_nearest_difference(d, n, use);
 }
 
-/// |mid - (a + b) / 2|, or at least that.
+/// |mid - (a + b) / 2|, or at least the exact value.
 template <bool kOutward, class Real>
 [[gnu::always_inline]] inline Real offset(Real mid, Real a, Real b) {
     if constexpr (kOutward) {
@@ -218,7 +217,7 @@ ISONEST_SIMD void diagonal_offsets(const Real* mid, const Real* a, const Real* b
 template <class Real, class Stored>
 ISONEST_SIMD std::pair<Stored, Stored> round_up_row(const Real* in, Stored* __restrict out,
                                                     std::int64_t n) {
-    // Numbers >= 0 are in the order of their bits, and integers need no order of evaluation.
+    // Numbers >= 0 have the same order as their bits, and integer operations may be reordered.
     using Bits = std::conditional_t<sizeof(Stored) == 4, std::uint32_t, std::uint16_t>;
     Bits low = std::numeric_limits<Bits>::max();
     Bits high = 0;

@@ -6,7 +6,7 @@
 namespace isonest::detail {
 namespace {
 
-/// Into an array of all cubes of a level.
+/// Copies a box into an array of all cubes of a level.
 template <class T>
 void copy_box(const Box<T>& from, const Int3& cells, std::span<T> to) {
     for (std::int64_t z = from.lo.z; z < from.lo.z + from.size.z; ++z) {
@@ -44,7 +44,7 @@ CentreStore CentreStore::partial(const Lattice& lattice, std::vector<Field> fiel
     return made;
 }
 
-/// Rows of planes of an array of all cubes of a level.
+/// Reserves rows of planes of an array of all cubes of a level.
 template <class T>
 void CentreStore::reserve_rows(std::span<const T> all, const Int3& cells, std::int64_t y_begin,
                                std::int64_t y_end, std::int64_t z_begin, std::int64_t z_end) const {
@@ -76,7 +76,7 @@ void CentreStore::reserve_all_cube_ranges() const {
     file_.fill_hole(begin, ranges_offset(lattice_.top() + 1) - begin);
 }
 
-/// Where the ranges of a level begin, in bytes; past the coarsest level, where all of them end.
+/// Offset of the ranges of a level in bytes; for a level above the coarsest, the end of all ranges.
 std::uint64_t CentreStore::ranges_offset(int level) const {
     std::uint64_t offset =
         (first_.back() + sizeof(CubeRange) - 1) / sizeof(CubeRange) * sizeof(CubeRange);

@@ -1,5 +1,5 @@
-// The centre values of each level's cubes (or squares, see Lattice::elements_at()), which the next
-// two levels need, outside of memory.
+// The centre values of each level's cubes (or squares, see Lattice::elements_at()) on disk; the
+// next two levels need them.
 #pragma once
 
 #include <filesystem>
@@ -9,69 +9,71 @@
 #include <isonest/field.h>
 
 #include "preprocess/indicators/layer.h"
-#include "store/container/cube_range.h"
+#include "store/container/format.h"
 #include "store/files/scratch_file.h"
 #include "store/lattice/lattice.h"
 
 namespace isonest::detail {
 
-/// Cubes of level kFirstRangeLevel along an axis of a base block: 2 `chunk` nodes.
+/// Cubes of level kFirstRangeLevel along an axis of a base block, which has 2 `chunk` nodes.
 constexpr std::int64_t cube_ranges_per_block(std::int64_t chunk) {
     return 2 * chunk / kFirstRangeEdge;
 }
 
-/// Saturated values of cube centres per level, as binary32 in a temporary file: so that the 16-bit
-/// rounding of the stored indicators does not add up over the levels. And the ranges of the cubes,
-/// until all are known.
+/// Saturated values of cube centres per level, as binary32 in a temporary file, so that the 16-bit
+/// rounding of the stored indicators does not accumulate over the levels. Also the ranges of the
+/// cubes, until all are known.
 /// Thread-safety: put() and get() on disjoint boxes from any thread; the rest from one.
 class CentreStore {
   public:
-    /// Has room for all `fields` of all levels that coarser ones are made from. `file` is made, and
-    /// removed at the end unless keep() was called. Throws Error{io}, for example on a full disk.
+    /// Has room for all `fields` of all levels that coarser ones are made from. Creates `file`, and
+    /// removes it in the destructor unless keep() was called. Throws Error{io}, for example on a
+    /// full disk.
     CentreStore(const Lattice& lattice, std::vector<Field> fields,
                 const std::filesystem::path& file);
 
-    /// As that, in an unnamed file in `folder` without space for anything: a part of the cubes is
-    /// put() once it was reserved.
+    /// The same in an unnamed file in `folder`, without reserved space: cubes may be put() only
+    /// after their space was reserved.
     static CentreStore partial(const Lattice& lattice, std::vector<Field> fields,
                                const ScratchFolder& folder);
-    /// Of partial(): rows [y_begin, y_end) of planes [z_begin, z_end) of the level's cubes, of all
-    /// fields; or of the finest ranges of cubes. Throws Error{io}, for example on a full disk.
+    /// For partial(): reserves rows [y_begin, y_end) of planes [z_begin, z_end) of the level's
+    /// cubes, for all fields; or of the finest ranges of cubes. Throws Error{io}, for example on a
+    /// full disk.
     void reserve(int level, std::int64_t y_begin, std::int64_t y_end, std::int64_t z_begin,
                  std::int64_t z_end) const;
     void reserve_cube_ranges(std::int64_t y_begin, std::int64_t y_end, std::int64_t z_begin,
                              std::int64_t z_end) const;
-    /// Of all levels.
+    /// Reserves the ranges of all levels.
     void reserve_all_cube_ranges() const;
-    /// Any part of bytes().
+    /// Reserves any part of bytes().
     void reserve_bytes(std::uint64_t offset, std::uint64_t bytes) const {
         file_.fill_hole(offset, bytes);
     }
 
-    /// Gives the level's space back.
+    /// Frees the space of a level.
     void release(int level);
     void put(int level, Field what, const Box<float>& centres);
     /// Cubes outside the volume get `outside`.
     void get(int level, Field what, float outside, Box<float>& centres) const;
     void keep() { file_.keep(); }
 
-    /// A piece of the file.
+    /// A part of the file.
     struct Range {
         std::uint64_t offset = 0;
         std::uint64_t bytes = 0;
     };
-    /// Those of a level that has_cube_ranges(), [z][y][x].
+    /// The ranges of a level that has_cube_ranges(), [z][y][x].
     [[nodiscard]] std::span<CubeRange> cube_ranges(int level) const;
     /// Thread-safety: as above.
     void put(const Box<CubeRange>& ranges);
-    /// What row `rows` - 1 of base blocks puts there.
+    /// The part of the file that row `rows` - 1 of base blocks fills with cube ranges.
     [[nodiscard]] Range cube_ranges_of(int chunk, std::int64_t rows) const;
-    /// What row `rows` - 1 of base blocks (level 2) or all of a level above puts into the file.
-    /// `chunk`: of the store.
+    /// The parts of the file that row `rows` - 1 of base blocks (level 2), or all of a higher
+    /// level, fills. `chunk`: of the store.
     [[nodiscard]] std::vector<Range> ranges_of(int chunk, int level, std::int64_t rows) const;
     [[nodiscard]] std::span<std::byte> bytes() const { return file_.as<std::byte>(); }
 
-    /// A field of all cubes of a level, [z][y][x].
+    /// One field of all cubes of a level, [z][y][x].
     [[nodiscard]] std::span<float> cubes(int level, Field what) const;
 
   private:
@@ -87,7 +89,8 @@ class CentreStore {
     Lattice lattice_;
     std::vector<Field> fields_;
     ScratchFile file_;
-    std::vector<std::uint64_t> first_;  ///< of each level, in bytes; the last one: the end
+    std::vector<std::uint64_t> first_;  ///< offset of each level in bytes; the last entry is the
+                                        ///< end
 };
 
 }  // namespace isonest::detail

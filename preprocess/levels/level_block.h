@@ -1,4 +1,4 @@
-// All indicators of one level on one block: values in, saturated layers out.
+// Computes all indicators of one level on one block: values in, saturated layers out.
 #pragma once
 
 #include <algorithm>
@@ -14,13 +14,12 @@
 
 #include "preprocess/indicators/deviation.h"
 #include "preprocess/indicators/hex_offset.h"
-#include "preprocess/indicators/linf.h"
-#include "preprocess/indicators/missing.h"
+#include "preprocess/indicators/layer.h"
 #include "preprocess/indicators/normal_indicators.h"
 #include "preprocess/indicators/offset_norms.h"
 #include "preprocess/indicators/row_kernels.h"
-#include "preprocess/indicators/saturation.h"
 #include "preprocess/indicators/value_rows.h"
+#include "store/base/vectors.h"
 
 namespace isonest::detail {
 
@@ -31,7 +30,7 @@ struct ValueBox {
     MissingBox missing;  ///< same shape; only filled if has_missing
     bool has_missing = false;
 
-    /// Looks for non-finite values. Call once the values are in.
+    /// Looks for non-finite values. To be called once the values are complete.
     void find_missing() {
         if constexpr (std::is_floating_point_v<T>) {
             has_missing =
@@ -46,29 +45,29 @@ struct ValueBox {
     }
 };
 
-/// One saturated field that a block makes.
+/// One saturated field that a block produces.
 struct FieldTask {
     Field field = Field::linf_bar;
     /// Its saturated centres of level L - 1, cubes 2 lo - 1 to 2 hi, 0 outside; null at level 1.
     const Box<float>* centres = nullptr;
 };
 
-/// What run_level() needs. Boxes are borrowed.
+/// Input of run_level(). Boxes are borrowed.
 template <class T>
 struct LevelTask {
-    LayerRange range;  ///< REQUIRES: range.lo.x even where the deviation is wanted
+    LayerRange range;  ///< REQUIRES: range.lo.x is even if the deviation is wanted
     /// Values of level max(L - 2, 0), from 4 lo - 2 to 4 hi + 2 (level 1: from 2 lo - 1 to 2 hi +
     /// 1).
     const ValueBox<T>* values = nullptr;
     int step = 2;  ///< nodes of `values` per half cube edge: 1 at level 1, else 2
     int level = 1;
-    Double3 spacing{1, 1, 1};
+    LatticeSteps steps = {};
     unsigned flat = 0;  ///< bits of the flat axes
     Int3 fine_cells;    ///< cubes of level L - 2
     /// Deviations of the cubes of level L - 2, cubes 4 lo - 2 to 4 hi + 2, NaN outside; null for L
     /// <= 2.
     const Box<float>* fine_deviation = nullptr;
-    /// At level 1 no deviation, see source_at_level_1().
+    /// At level 1 without deviation, see source_at_level_1().
     std::vector<FieldTask> fields;
 
     [[nodiscard]] bool wants(Indicator indicator) const {
@@ -105,7 +104,7 @@ MissingBox missing_at_half_edge(const LevelTask<T>& task) {
     return out;
 }
 
-/// The deviation of a node is +inf if its support holds a missing value.
+/// Sets the deviation of a node to +inf if its support contains a missing value.
 template <class T, class Real>
 void mark_missing_support(const LevelTask<T>& task, std::int64_t k, int first_slot, int last_slot,
                           Layer<Real>& layer) {
@@ -126,7 +125,7 @@ void mark_missing_support(const LevelTask<T>& task, std::int64_t k, int first_sl
     });
 }
 
-/// What nodes measure before they are saturated, of one layer, by indicator.
+/// Unsaturated measures of the nodes of one layer, by indicator.
 template <class T>
 class Measures {
   public:
@@ -140,7 +139,7 @@ class Measures {
             const bool offset = OffsetNorms::is_offset_norm(indicator);
             offset_wanted_ = offset_wanted_ || offset;
             if (offset && indicator != Indicator::linf && !norms_) {
-                norms_.emplace(task.spacing, task.level, task.flat);
+                norms_.emplace(task.steps, task.level, task.flat);
             }
             cell_wanted_ = cell_wanted_ || is_of_cells(f.field);
             normal_wanted_ =
@@ -162,7 +161,7 @@ class Measures {
             deviation_ = Layer<Real>(nx, ny);
         }
         if (normal_wanted_) {
-            normals_.emplace(task.spacing, task.level, task.flat);
+            normals_.emplace(task.steps, task.level, task.flat);
             for (Layer<Real>& layer : changes_) {
                 layer = Layer<Real>(nx, ny);
             }
@@ -195,7 +194,7 @@ class Measures {
         }
     }
 
-    /// Copies the measure of a field, or takes it where no other field needs it.
+    /// Copies the measure of a field, or moves it if no other field needs it.
     void hand_out(std::size_t which, std::int64_t k, Layer<Real>& to) {
         const Indicator indicator = indicator_of(task_.fields[which].field);
         Layer<Real>& from = layer_of(indicator);
@@ -295,7 +294,7 @@ class Measures {
                 u[static_cast<std::size_t>(n)] = static_cast<double>(box.at(at * task_.step));
             }
             const NormalChange c = normals_->at(owner, slot, elements, u);
-            // Enough above that the sums of a saturation do not round below the exact ones.
+            // Rounded up far enough that the sums of a saturation are not below the exact ones.
             constexpr double kUp =
                 1 + 4 * static_cast<double>(std::numeric_limits<Real>::epsilon());
             changes_[0].row(slot, j)[i] = static_cast<Real>(c.jump * kUp);
@@ -309,7 +308,7 @@ class Measures {
     }
 
     const LevelTask<T>& task_;
-    std::optional<OffsetNorms> norms_;  ///< where a field is a multiple of |U_delta|
+    std::optional<OffsetNorms> norms_;  ///< if a field is a multiple of |U_delta|
     bool offset_wanted_ = false;
     bool normal_wanted_ = false;
     bool cell_wanted_ = false;
@@ -333,7 +332,8 @@ void run_level(const LevelTask<T>& task, Emit&& emit) {
     using Real = RealFor<T>;
     const LayerRange& range = task.range;
     level_block::Measures<T> measures(task);
-    // Layers k - 1 and k of each field: an odd plane is complete once the even plane above it is.
+    // Layers k - 1 and k of each field: an odd plane is complete only when the even plane above it
+    // is.
     std::vector<std::array<Layer<Real>, 2>> layers(task.fields.size());
     for (auto& pair : layers) {
         pair.fill(Layer<Real>(range.count(0), range.count(1)));

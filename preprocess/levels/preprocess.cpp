@@ -14,17 +14,12 @@
 #include <isonest/error.h>
 #include <isonest/preprocess.h>
 
-#include "preprocess/levels/base_block.h"
 #include "preprocess/levels/centre_store.h"
-#include "preprocess/levels/coarse_block.h"
-#include "preprocess/levels/finer_levels.h"
-#include "preprocess/levels/indicator_chunks.h"
-#include "preprocess/levels/pass_budget.h"
+#include "preprocess/levels/level_blocks.h"
+#include "preprocess/levels/level_sink.h"
 #include "preprocess/levels/pass_context.h"
 #include "preprocess/levels/resume.h"
-#include "preprocess/levels/resumed_input.h"
 #include "preprocess/levels/run_ends.h"
-#include "preprocess/levels/run_journal.h"
 #include "preprocess/sources/wrapping/plane_window.h"
 #include "store/base/in_order.h"
 #include "store/base/workers.h"
@@ -38,7 +33,7 @@ namespace {
 
 using Block = std::function<std::vector<EncodedChunk>(const Int3&)>;
 
-/// Where a run's work goes.
+/// Destination of a run's results.
 struct Outputs {
     StoreWriter& writer;
     RunJournal& journal;
@@ -57,8 +52,8 @@ struct Outputs {
     }
 };
 
-/// Computes blocks in parallel, writes their chunks in the order of the blocks, and so gives the
-/// same bytes for any number of threads.
+/// Computes blocks in parallel and writes their chunks in the order of the blocks, so that the
+/// bytes are the same for any number of threads.
 void run_blocks(const Int3& grid, int tokens, const Block& compute, const Outputs& outputs,
                 Progress& progress, std::uint64_t bytes_per_block) {
     in_order(
@@ -76,7 +71,7 @@ void run_blocks(const Int3& grid, int tokens, const Block& compute, const Output
         });
 }
 
-/// `done`: what is complete already.
+/// `done`: what is already complete.
 template <class T>
 void run_levels(const Outputs& outputs, PlaneWindow& window, const Checkpoint& done,
                 const PassBudget& budget, Progress& progress) {
@@ -133,8 +128,8 @@ void run_levels(const Outputs& outputs, PlaneWindow& window, const Checkpoint& d
     }
 }
 
-/// Takes over what an interrupted run has done, if there is one. Then that run's files are gone,
-/// and `worth_keeping` says so.
+/// Takes over the results of an interrupted run, if there is one. `worth_keeping` becomes true once
+/// that run's files are removed, or if there are none.
 Checkpoint take_over(const std::filesystem::path& store, const std::string& identity,
                      VolumeSource& source, const Outputs& outputs, PreprocessReport& report,
                      bool& worth_keeping, Progress& progress) {

@@ -9,29 +9,149 @@
 #include <cerrno>
 #include <charconv>
 #include <csignal>
+#include <cstddef>
 #include <cstring>
 #include <fstream>
 #include <sstream>
+#include <vector>
 
 #include <isonest/error.h>
 
-#include "store/files/mapped_file.h"
+#include "store/container/chunk_cache.h"
+#include "store/container/codec.h"
+#include "store/files/open_file.h"
 #include "store/files/output_file.h"
 
 namespace isonest::detail {
 namespace {
 
+constexpr std::size_t kPending = 1024;
+
+template <class T>
+std::span<const std::byte> bytes_of(const T& value) {
+    return std::as_bytes(std::span(&value, 1));
+}
+
+}  // namespace
+
+std::uint64_t JournalRecord::expected_check() const {
+    return checksum_of(bytes_of(*this).first(offsetof(JournalRecord, check)));
+}
+
+std::filesystem::path journal_name(const std::filesystem::path& temporary) {
+    return temporary.string() + ".journal";
+}
+
+std::filesystem::path centres_name(const std::filesystem::path& temporary) {
+    return temporary.string() + ".centres";
+}
+
+RunJournal::RunJournal(const std::filesystem::path& temporary, const std::string& identity)
+    : file_(ScratchFile::named(journal_name(temporary))) {
+    // If locks are refused (some network file systems), the process id in the name must suffice.
+    file_.lock();
+    const std::uint64_t size = identity.size();
+    const auto text = std::as_bytes(std::span(identity));
+    write(bytes_of(size));
+    write(text);
+    write(bytes_of(checksum_of(text)));
+    pending_.reserve(kPending);
+}
+
+void RunJournal::write(std::span<const std::byte> bytes) {
+    file_.write_at(end_, bytes);
+    end_ += bytes.size();
+}
+
+void RunJournal::append(JournalRecord record) {
+    record.check = record.expected_check();
+    pending_.push_back(record);
+    if (pending_.size() >= kPending) {
+        flush();
+    }
+}
+
+void RunJournal::chunk(std::size_t array, std::int64_t index, const ChunkRow& row) {
+    append({JournalRecord::chunk_kind, static_cast<std::uint32_t>(array), index, row, 0});
+}
+
+void RunJournal::checkpoint(const Checkpoint& done) {
+    JournalRecord record;
+    record.kind = JournalRecord::checkpoint_kind;
+    record.array = static_cast<std::uint32_t>(done.level);
+    record.index = done.rows;
+    record.row.checksum = done.centres;
+    record.row.offset = done.ranges;
+    append(record);
+    flush();
+    ++checkpoints_;
+}
+
+void RunJournal::flush() {
+    write(std::as_bytes(std::span(pending_)));
+    pending_.clear();
+}
+
+namespace {
+
+constexpr std::int64_t kMaxBytes = std::int64_t{1} << 20U;
+
+template <class T>
+void compare_plane(VolumeSource& source, ChunkCache& cache, std::int64_t z) {
+    const ArrayInfo& array = cache.source().layout().array(0, Field::values);
+    const Int3 n = array.nodes;
+    const std::int64_t step = source.granularity().rows;
+    const std::int64_t fitting = kMaxBytes / (n.x * static_cast<std::int64_t>(sizeof(T)));
+    const std::int64_t rows = std::clamp<std::int64_t>(fitting / step * step, 1, n.y);
+    for (std::int64_t y = 0; y < n.y; y += rows) {
+        const std::int64_t ny = std::min(rows, n.y - y);
+        Box<T> theirs({0, y, z}, {n.x, ny, 1});
+        gather_values(cache, array, theirs);
+        std::vector<T> ours(theirs.data.size());
+        source.read(z, 1, y, ny, reinterpret_cast<std::byte*>(ours.data()));
+        // Bitwise, so that NaN equals itself.
+        // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
+        if (std::memcmp(ours.data(), theirs.data.data(), ours.size() * sizeof(T)) != 0) {
+            throw Error(ErrorKind::invalid_argument,
+                        {source.describe().name, fmt::format("plane {}", z)},
+                        "the interrupted run read other values: the input has changed",
+                        {{RemedyKind::no_resume}});
+        }
+    }
+}
+
+}  // namespace
+
+void require_same_values(VolumeSource& source, const ChunkSource& store, const Checkpoint& done) {
+    if (source.sequential() || done.level == 0) {
+        return;
+    }
+    const StoreLayout& layout = store.layout();
+    const std::int64_t nz = layout.lattice().nodes().z;
+    const std::int64_t end =
+        done.level > 2 ? nz : std::min(nz, 2 * layout.header().chunk * done.rows);
+    ChunkCache cache(store, std::uint64_t{8} << 20U);
+    dispatch(layout.header().type, [&](auto tag) {
+        using T = typename decltype(tag)::type;
+        compare_plane<T>(source, cache, 0);
+        compare_plane<T>(source, cache, end - 1);
+    });
+}
+
+namespace {
+
 constexpr std::uint64_t kLongestIdentity = 65536;
 
-/// Locks the journal of a run that is over; none if the process that made it still runs, or if
-/// another one looks at what it left. The lock is to be held for as long as that is used: a journal
-/// gets its name before its run has locked it, so one that was not locked a moment ago may be.
+/// Locks the journal of a run that is over; nullopt if the process that made it is still running,
+/// or if another one uses its leftovers. The lock must be held as long as they are used: a journal
+/// gets its name before its run has locked it, so a journal that was unlocked a moment ago may
+/// belong to a live run.
 std::optional<FileDescriptor> lock_of_dead(const std::filesystem::path& journal,
                                            const std::string& process) {
-    // On NFS only what may be written can be locked against others.
+    // On NFS, only files opened for writing can be locked exclusively.
     FileDescriptor file(::open(journal.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW));
     if (file.get() < 0) {
-        return std::nullopt;  // not ours to touch
+        return std::nullopt;  // not accessible to us
     }
     if (::flock(file.get(), LOCK_EX | LOCK_NB) == 0) {
         return file;
@@ -61,7 +181,7 @@ std::optional<std::string> read_identity(std::istream& in) {
     return text;
 }
 
-/// "'chunk 64', not 'chunk 32'": the first lines that differ.
+/// "it had 'chunk 64', this one has 'chunk 32'": the first lines that differ.
 std::string difference(const std::string& theirs, const std::string& ours) {
     std::istringstream a(theirs);
     std::istringstream b(ours);
@@ -142,7 +262,7 @@ std::optional<InterruptedRun> InterruptedRun::find(const std::filesystem::path& 
         if (*theirs != identity) {
             std::error_code ignored;
             if (!std::filesystem::exists(names.string() + process, ignored)) {
-                continue;  // killed when its store had got its name: nothing to go on with
+                continue;  // killed after its store got its final name: nothing to continue
             }
             other.emplace(
                 ErrorKind::invalid_argument, ErrorPlace{entry.path().string()},
@@ -209,7 +329,7 @@ Checkpoint InterruptedRun::replay(StoreWriter& writer, CentreStore& centres, Run
     const auto cube_ranges = [&](const Checkpoint& done) {
         return centres.cube_ranges_of(layout.header().chunk, done.rows);
     };
-    // Going on at level L takes the centres of the two levels below it; older ones are released.
+    // Continuing at level L needs the centres of the two levels below it; older ones were released.
     const auto has_centres = [&](std::size_t last) {
         return std::all_of(
             marks_.begin(), marks_.begin() + static_cast<std::ptrdiff_t>(last) + 1,

@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <string>
@@ -11,13 +12,11 @@
 #include <isonest/error.h>
 #include <isonest/field.h>
 
-#include "preprocess/indicators/cube_ranges.h"
-#include "store/base/label_bits.h"
+#include "preprocess/indicators/value_rows.h"
 #include "store/base/label_text.h"
-#include "store/base/rotation.h"
-#include "store/container/cube_range.h"
-#include "store/container/extent.h"
-#include "store/container/header_writer.h"
+#include "store/base/vectors.h"
+#include "store/container/format.h"
+#include "store/container/parts/header_writer.h"
 
 namespace isonest::detail {
 namespace {
@@ -29,9 +28,9 @@ void require_place(const VolumeDescription& volume) {
         throw Error(ErrorKind::invalid_argument, {volume.name}, why,
                     {{RemedyKind::place_in_world, "spacing,origin"}});
     }
-    if (!are_directions(volume.direction)) {
-        throw Error(ErrorKind::invalid_argument, {volume.name},
-                    "its directions are not unit vectors at right angles, right-handed");
+    if (const std::string other = why_no_directions(volume.nodes, volume.direction);
+        !other.empty()) {
+        throw Error(ErrorKind::invalid_argument, {volume.name}, other);
     }
 }
 
@@ -72,9 +71,9 @@ std::string identity_of(const StoreHeader& h, const VolumeSource& source, bool r
                "format {}.{}\n{}nodes {} {} {}\ntype {}\nspacing {} {} {}\norigin {} {} {}\nchunk "
                "{}\n"
                "compression {}\nexact {}\nindicators {}\n",
-               kFormatMajor, kFormatMinor, input, h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type),
-               h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1], h.origin[2],
-               h.chunk, h.compression, h.exact, list_names(h.fields)) +
+               h.version().major, h.version().minor, input, h.nodes.x, h.nodes.y, h.nodes.z,
+               name_of(h.type), h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1],
+               h.origin[2], h.chunk, h.compression, h.exact, list_names(h.fields)) +
            (h.direction == kAlongWorld
                 ? ""
                 : fmt::format("direction {}\n", fmt::join(vtk_direction(h.direction), " "))) +

@@ -1,4 +1,4 @@
-// What a preprocessing run does before its passes and after them, however those are run.
+// The steps of a preprocessing run before and after its passes, independent of how those are run.
 #pragma once
 
 #include <string>
@@ -14,21 +14,21 @@
 
 namespace isonest::detail {
 
-/// Of the store that is asked for. Throws Error{invalid_argument} with the remedy to place the
+/// The header of the requested store. Throws Error{invalid_argument} with the remedy to place the
 /// input elsewhere.
 StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& options);
 
-/// The names that the store gets. Throws Error{invalid_argument}.
+/// The label names for the store. Throws Error{invalid_argument}.
 std::vector<LabelName> label_names_of(const VolumeSource& source);
 
-/// What must be the same for a run to go on with what another one has done, as lines of text.
-/// Throws Error{invalid_argument}; if `resume`, also for a source that cannot tell.
+/// What must be the same for a run to continue an interrupted one, as lines of text. Throws
+/// Error{invalid_argument}; with `resume`, also for a source without identity.
 std::string identity_of(const StoreHeader& header, const VolumeSource& source, bool resume);
 
-/// All levels of them, from those of the finest in `centres`.
+/// Writes the cube ranges of all levels, computed from those of the finest one in `centres`.
 void write_cube_ranges(CentreStore& centres, StoreWriter& writer);
 
-/// What the header and the table of all chunks say.
+/// Fills the report from the header and the chunk table.
 void describe_store(const StoreWriter& writer, PreprocessReport& report);
 
 }  // namespace isonest::detail

@@ -13,12 +13,12 @@
 #include <isonest/error.h>
 #include <isonest/field.h>
 
-#include "preprocess/levels/base_block.h"
+#include "preprocess/levels/level_blocks.h"
 #include "preprocess/levels/pass_context.h"
-#include "preprocess/ranks/own_chunks.h"
+#include "preprocess/ranks/pencils.h"
 #include "store/container/codec.h"
-#include "store/container/cube_range.h"
-#include "store/files/read_at.h"
+#include "store/container/format.h"
+#include "store/files/open_file.h"
 
 namespace isonest::detail {
 namespace {
@@ -26,21 +26,21 @@ namespace {
 constexpr std::string_view kJournalEnd = ".blocks";
 constexpr std::uint64_t kJournalMark = 0x315352544e4f5349;  // "ISONTRS1"
 
-/// At the beginning of a journal; the text of the identity follows.
+/// Start of a journal; the text of the identity follows.
 struct JournalHead {
     std::uint64_t mark = kJournalMark;
     std::uint64_t identity_bytes = 0;
 };
 
-/// In front of a block's rows of the chunk table, its centres and its ranges of cubes.
+/// Precedes a block's rows of the chunk table, its centres and its ranges of cubes.
 struct BlockHead {
-    std::uint64_t check = 0;  ///< XXH64 of all that follows
+    std::uint64_t check = 0;  ///< XXH64 of everything after it
     Int3 block;
     std::uint64_t offset = 0;  ///< in the file of chunks
-    std::uint64_t bytes = 0;   ///< behind this head
+    std::uint64_t bytes = 0;   ///< after this head
 };
 
-/// The cubes of a block at a level, of which it has so many per axis.
+/// The cubes of a block at a level; a block has `count` of them per axis.
 template <class T>
 Box<T> cubes_of(const Int3& block, std::int64_t count, const Int3& all) {
     const Int3 lo = block * count;
@@ -51,7 +51,7 @@ bool carries_centres(const StoreLayout& layout) {
     return layout.lattice().top() > kBasePass;
 }
 
-/// f(field, box) for the centres of a block that go on to coarser levels.
+/// Calls f(field, box) for the centres of a block that are passed to coarser levels.
 template <class F>
 void each_centre_box(const StoreLayout& layout, const Int3& block, const F& f) {
     if (carries_centres(layout)) {
@@ -62,7 +62,7 @@ void each_centre_box(const StoreLayout& layout, const Int3& block, const F& f) {
     }
 }
 
-/// None where there are no ranges.
+/// Empty if there are no ranges.
 Box<CubeRange> range_box(const StoreLayout& layout, const Int3& block) {
     return has_cube_ranges(layout.lattice(), kFirstRangeLevel)
                ? cubes_of<CubeRange>(block, cube_ranges_per_block(layout.header().chunk),
@@ -76,14 +76,14 @@ void append(std::vector<std::byte>& to, std::span<const T> numbers) {
     to.insert(to.end(), bytes.begin(), bytes.end());
 }
 
-/// Takes the first numbers of `from` away.
+/// Removes the first numbers from `from`.
 template <class T>
 void take_first(std::span<const std::byte>& from, std::span<T> numbers) {
     std::memcpy(numbers.data(), from.data(), numbers.size_bytes());
     from = from.subspan(numbers.size_bytes());
 }
 
-/// The file of a journal's chunks.
+/// Name of the file with a journal's chunks.
 std::filesystem::path chunks_name(const std::filesystem::path& journal) {
     std::filesystem::path name = journal;
     return name.replace_extension(".chunks");
@@ -188,7 +188,7 @@ EarlierBlocks::~EarlierBlocks() {
 }
 
 void EarlierBlocks::read_journal(const std::filesystem::path& name, const std::string& identity) {
-    // On NFS only what may be written can be locked against others.
+    // On NFS, only files opened for writing can be locked exclusively.
     Journal journal{name, ::open(name.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW), -1};
     if (journal.blocks < 0) {
         return;
@@ -225,7 +225,7 @@ void EarlierBlocks::read_journal(const std::filesystem::path& name, const std::s
     }
 }
 
-/// None where there is no intact one.
+/// Nullopt if there is no intact record.
 std::optional<EarlierBlocks::Record> EarlierBlocks::record(const Journal& journal,
                                                            std::uint64_t offset) const {
     Record found;
@@ -336,7 +336,8 @@ std::vector<EncodedChunk> EarlierBlocks::load(const Int3& block, CentreStore& ce
 void EarlierBlocks::remove() const {
     std::error_code ignored;
     for (const Journal& journal : journals_) {
-        // A refused change of a lock need not give the old one up, and others wait for that.
+        // Unlock first: a failed conversion might keep the old lock, and others wait for its
+        // release.
         ::flock(journal.blocks, LOCK_UN);
         if (::flock(journal.blocks, LOCK_EX | LOCK_NB) == 0) {
             std::filesystem::remove(journal.name, ignored);

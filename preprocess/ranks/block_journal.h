@@ -1,4 +1,4 @@
-// What a rank of an interrupted run has done, for a run of as many ranks or of others.
+// What a rank of an interrupted run has done, for a later run with any number of ranks.
 #pragma once
 
 #include <cstddef>
@@ -13,28 +13,29 @@
 #include <isonest/int3.h>
 
 #include "preprocess/levels/centre_store.h"
-#include "preprocess/levels/indicator_chunks.h"
-#include "preprocess/ranks/own_chunk_file.h"
+#include "preprocess/levels/level_sink.h"
+#include "preprocess/ranks/pencils.h"
 #include "store/container/format.h"
 #include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
-/// ".STORE.ranks-" in `scratch`, the beginning of the names of all files of all ranks.
+/// ".STORE.ranks-" in `scratch`: the prefix of the names of all files of all ranks.
 std::filesystem::path rank_files_prefix(const std::filesystem::path& scratch,
                                         const std::filesystem::path& store);
 
-/// The blocks of the base pass that a rank has made: a file of their chunks, and one with a record
-/// of each, which has what the chunks do not tell. Made with the first block; locked as long as
-/// the journal lives; removed at its end unless keep() was called. Thread-safety: one thread.
+/// The blocks of the base pass that a rank has made: a file of their chunks, and a file with one
+/// record per block, which contains what cannot be derived from the chunks. The files are created
+/// with the first block, locked for the lifetime of this object, and removed by the destructor
+/// unless keep() was called. Thread-safety: one thread.
 class BlockJournal {
   public:
-    /// `name`: with the prefix above, that of no file. `identity`: what must be the same for a run
-    /// that goes on. `layout` and `centres` are borrowed.
+    /// `name`: an unused name with the prefix above. `identity`: what must be the same for a run
+    /// that continues. `layout` and `centres` are borrowed.
     BlockJournal(std::filesystem::path name, std::string identity, const StoreLayout& layout,
                  const CentreStore& centres);
-    /// A block whose centres and ranges of cubes are in the store of centres. Returns where its
-    /// chunks lie. Throws Error{io}.
+    /// Adds a block whose centres and ranges of cubes are in the store of centres. Returns the
+    /// position of its chunks. Throws Error{io}.
     ChunkRun add(const Int3& block, std::span<const EncodedChunk> chunks);
     void keep();
 
@@ -58,28 +59,29 @@ class BlockJournal {
 /// from one.
 class EarlierBlocks {
   public:
-    /// Of runs that are alive none. `scratch`: where the journals are. Throws
-    /// Error{invalid_argument} if one is of another input or of other options, Error{io}.
+    /// Skips journals of runs that are alive. `scratch`: folder of the journals. Throws
+    /// Error{invalid_argument} if one is of another input or has other options, and Error{io}.
     EarlierBlocks(const std::filesystem::path& scratch, const std::filesystem::path& store,
                   const std::string& identity, const StoreLayout& layout);
     ~EarlierBlocks();
     EarlierBlocks(const EarlierBlocks&) = delete;
     EarlierBlocks& operator=(const EarlierBlocks&) = delete;
 
-    /// Whether all of a block is there and intact.
+    /// Whether all data of a block are present and intact.
     [[nodiscard]] bool has_whole(const Int3& block) const;
-    /// Its chunks; its centres and ranges of cubes go into `centres`. REQUIRES: has_whole().
-    /// Throws Error{io}.
+    /// The chunks of a block; puts its centres and ranges of cubes into `centres`. REQUIRES:
+    /// has_whole(). Throws Error{io}.
     std::vector<EncodedChunk> load(const Int3& block, CentreStore& centres) const;
-    /// Where its chunks lie, as long as this object lives. REQUIRES: has_whole(). Throws Error{io}.
+    /// The position of the block's chunks, valid for the lifetime of this object. REQUIRES:
+    /// has_whole(). Throws Error{io}.
     [[nodiscard]] ChunkRun place_of(const Int3& block) const;
-    /// Deletes the files that no other run reads. Called by all ranks that read them, the last one
-    /// finds them free.
+    /// Deletes the files that no other run reads. Called by all ranks that read them; the last one
+    /// finds them unlocked.
     void remove() const;
 
   private:
     struct Place {
-        std::uint64_t journal = 0;  ///< its number from 1 on; 0: none
+        std::uint64_t journal = 0;  ///< number of the journal, starting at 1; 0: none
         std::uint64_t offset = 0;
     };
     struct Journal {

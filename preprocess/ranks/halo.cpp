@@ -8,19 +8,17 @@
 #include <set>
 #include <utility>
 
-#include "preprocess/ranks/run_messages.h"
-
 namespace isonest::detail {
 namespace {
 
-/// First and last.
+/// First and last, inclusive.
 using Span = std::array<std::int64_t, 2>;
 
 Span common(const Span& a, const Span& b) {
     return {std::max(a[0], b[0]), std::min(a[1], b[1])};
 }
 
-/// What the pencil `at` needs along an axis. A margin that lies outside is the nearest row.
+/// What the pencil `at` needs along an axis. For a margin outside the array, the nearest row.
 Span needed(const PencilCut& needing, const HaloArray& array, int axis, std::int64_t at) {
     const std::int64_t last = array.size[axis] - 1;
     const std::int64_t first = array.scale * at * needing.cells - array.before;
@@ -34,7 +32,8 @@ Span made(const HaloArray& array, int axis, std::int64_t block) {
     return common({block * array.rows, (block + 1) * array.rows - 1}, {0, array.size[axis] - 1});
 }
 
-/// f(pencil of `needing`, rows, planes) for those that need some of what `maker` made.
+/// Calls f(pencil of `needing`, rows, planes) for the pencils that need something that `maker`
+/// made.
 template <class F>
 void each_need(const PencilCut& needing, const HaloArray& array, const Pencil& maker, const F& f) {
     const Int3& grid = needing.grid;
@@ -53,7 +52,7 @@ void each_need(const PencilCut& needing, const HaloArray& array, const Pencil& m
     }
 }
 
-/// Ranks that need something of this one, and those of which it needs something.
+/// Ranks that need something from this one, and ranks from which it needs something.
 struct Neighbours {
     std::set<int> receivers;
     std::set<int> senders;
@@ -96,7 +95,7 @@ HaloRuns::HaloRuns(const Pencils& pencils, const PencilCut& needing,
     }
 }
 
-/// The runs of the next pencil that has some; false if none has.
+/// Loads the runs of the next pencil that has any; false if there are none.
 bool HaloRuns::load_pencil() {
     runs_.clear();
     run_ = 0;
@@ -123,7 +122,7 @@ bool HaloRuns::load_pencil() {
         std::sort(needs.begin(), needs.end());  // by first rows
         const Span all = made(array, 2, maker.z);
         for (std::int64_t z = all[0]; z <= all[1]; ++z) {
-            std::int64_t next = 0;  // rows before are in runs already
+            std::int64_t next = 0;  // rows before this are already in runs
             for (const auto& [rows, planes] : needs) {
                 const std::int64_t first = std::max(rows[0], next);
                 if (z < planes[0] || z > planes[1] || first > rows[1]) {

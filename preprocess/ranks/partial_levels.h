@@ -1,4 +1,4 @@
-// What a rank keeps of the levels that coarser ones are made from, outside of memory.
+// The parts that a rank keeps on disk of the levels from which coarser ones are made.
 #pragma once
 
 #include <cstddef>
@@ -8,8 +8,11 @@
 #include <utility>
 #include <vector>
 
-#include "preprocess/levels/finer_levels.h"
-#include "preprocess/levels/indicator_chunks.h"
+#include <isonest/int3.h>
+
+#include "preprocess/levels/level_blocks.h"
+#include "preprocess/levels/level_sink.h"
+#include "preprocess/levels/pass_context.h"
 #include "preprocess/ranks/pencils.h"
 #include "store/container/format.h"
 #include "store/files/scratch_file.h"
@@ -17,7 +20,8 @@
 namespace isonest::detail {
 
 /// One array of a level, [z][y][x], of which a rank has some rows: those that it made, and those
-/// that others sent. A file of the size of the whole, with space for these rows alone.
+/// received from others. Stored in a file of the size of the whole array, with space only for these
+/// rows.
 class PartialArray {
   public:
     PartialArray(const ArrayInfo& array, const ScratchFolder& folder);
@@ -28,11 +32,11 @@ class PartialArray {
     void reserve(std::uint64_t offset, std::uint64_t bytes) const {
         file_.fill_hole(offset, bytes);
     }
-    /// The nodes of the pencil's blocks, `nodes` rows and planes each.
+    /// Reserves the nodes of the pencil's blocks, `nodes` rows and planes each.
     void reserve(const Pencil& pencil, std::int64_t nodes) const;
-    /// The element of a node; those of a row along x follow.
+    /// The element of a node; those of the row along x follow.
     [[nodiscard]] std::byte* at(const Int3& node) const;
-    /// A chunk whose rows were reserved. Thread-safe for different chunks.
+    /// Stores a chunk whose rows were reserved. Thread-safe for different chunks.
     void put(const EncodedChunk& chunk) const;
     [[nodiscard]] ChunkNodes chunk(const Int3& chunk) const;
 
@@ -42,27 +46,28 @@ class PartialArray {
 };
 
 /// The values of level 1 and above and the stored deviations of level 1, as long as they are
-/// needed; and while a pass is computed in parts, its indicators. Thread-safety: put() and chunk()
-/// from any thread; the rest from one.
+/// needed; and the indicators of a pass while it is computed in parts. Thread-safety: put() and
+/// chunk() from any thread; the rest from one.
 class PartialLevels : public FinerLevels {
   public:
     PartialLevels(const StoreLayout& layout, ScratchFolder folder)
         : layout_(&layout), folder_(std::move(folder)) {}
 
-    /// Makes room for what a pass makes that is needed later, in a rank's pencils of so many rows
-    /// of cubes; and if the pass is computed in parts, for its indicators, too. Throws Error{io}.
+    /// Reserves space for the results of a pass that are needed later, in a rank's pencils of
+    /// `cells` rows of cubes; if the pass is computed in parts, also for its indicators. Throws
+    /// Error{io}.
     void begin_pass(int pass, std::span<const Pencil> pencils, std::int64_t cells,
                     bool is_in_parts);
-    /// Gives up what the passes above `pass` do not need.
+    /// Frees what the passes after `pass` do not need.
     void end_pass(int pass);
-    /// Takes what is needed of a chunk.
+    /// Stores the parts of a chunk that are needed later.
     void put(const EncodedChunk& chunk) const;
     ChunkNodes chunk(const ArrayInfo& array, const Int3& chunk) override;
 
-    /// The values of a level, or the deviations of level 1; null if nobody needs them.
+    /// The values of a level, or the deviations of level 1; null if they are not needed.
     [[nodiscard]] const PartialArray* values(int level) const;
     [[nodiscard]] const PartialArray* deviations() const { return deviations_.get(); }
-    /// Of a pass in parts, until it ends; no array is stored twice.
+    /// The indicators of a pass in parts, until it ends; no array is listed twice.
     [[nodiscard]] std::span<const std::unique_ptr<PartialArray>> indicators() const {
         return indicators_;
     }
@@ -78,7 +83,22 @@ class PartialLevels : public FinerLevels {
     std::vector<std::unique_ptr<PartialArray>> indicators_;
 };
 
-/// Whether the blocks of coarser levels look at deviations.
+/// Whether the blocks of coarser levels need deviations.
 bool carries_deviation(const StoreLayout& layout);
+
+// Blocks of coarser levels in parts: each rank computes what lies on its own pencils of the base
+// pass, and the owner of a block assembles its chunks.
+
+/// Computes the cubes of a part of a pass: `count` per axis starting at `first`, as far as they
+/// exist. Their values and indicators go to `levels` in stored form, their centres to those of
+/// `context`. Thread-safe for different parts.
+template <class T>
+void compute_part(const PassContext& context, PartialLevels& levels, int pass, const Int3& first,
+                  const Int3& count);
+
+/// The chunks of a block, from the rows in `levels`. Thread-safe.
+template <class T>
+std::vector<EncodedChunk> assemble_block(const StoreLayout& layout, const PartialLevels& levels,
+                                         int pass, const Int3& block);
 
 }  // namespace isonest::detail

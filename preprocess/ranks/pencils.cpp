@@ -1,20 +1,25 @@
 #include "preprocess/ranks/pencils.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <bit>
+#include <cerrno>
 #include <cstddef>
+#include <cstring>
 #include <limits>
 
+#include <isonest/error.h>
 #include <isonest/field.h>
 
-#include "preprocess/levels/base_block.h"
-#include "preprocess/levels/coarse_block.h"
+#include "preprocess/levels/level_blocks.h"
 #include "preprocess/levels/pass_context.h"
+#include "store/files/open_file.h"
 
 namespace isonest::detail {
 namespace {
 
-/// Blocks along one axis but for those at its end that have few nodes.
+/// Number of blocks along one axis without those at its end that have few nodes.
 std::int64_t without_thin(std::int64_t blocks, std::int64_t nodes, std::int64_t chunk) {
     while (blocks > 1 && nodes - 2 * chunk * (blocks - 1) <= chunk / 4) {
         --blocks;
@@ -22,8 +27,8 @@ std::int64_t without_thin(std::int64_t blocks, std::int64_t nodes, std::int64_t 
     return blocks;
 }
 
-/// Nodes of a block along one axis and in its margin: what it costs to read and to compute. The
-/// last one of `blocks` has all nodes that are left.
+/// Nodes of a block along one axis including its margin: the cost of reading and computing it. The
+/// last of `blocks` has all remaining nodes.
 std::uint64_t weight_along(std::int64_t block, std::int64_t blocks, std::int64_t nodes,
                            std::int64_t chunk) {
     const std::int64_t left = nodes - 2 * chunk * block;
@@ -60,7 +65,7 @@ Pencils::Pencils(const StoreLayout& layout, int ranks)
         along_z += weight_along(z, dealt_.z, nodes.z, chunk);
     }
     total *= along_z;
-    // A rank begins at the pencil whose middle is the first behind its share of the whole.
+    // A rank begins at the first pencil whose middle is after its share of the total.
     first_.reserve(static_cast<std::size_t>(ranks) + 1);
     first_.push_back(0);
     const auto share_of = [&](std::size_t rank) {
@@ -89,10 +94,10 @@ PencilCut Pencils::chunk_cut(int pass) const {
 }
 
 PencilCut Pencils::part_cut(int pass) const {
-    constexpr std::int64_t kLeastCells = 2;
+    constexpr std::int64_t kMinCells = 2;
     const PencilCut chunks = chunk_cut(pass);
     const std::int64_t cells = chunks.cells >> chunks.shift;
-    if (cells < kLeastCells || chunks.shift == 0 || ranks() == 1) {
+    if (cells < kMinCells || chunks.shift == 0 || ranks() == 1) {
         return chunks;
     }
     PencilCut cut{0, cells, {chunks.grid.x, 1, 1}};
@@ -130,7 +135,7 @@ Pencil Pencils::pencil_at(std::uint64_t code) const {
 int Pencils::owner(const PencilCut& cut, const Pencil& pencil) const {
     const std::uint64_t code = code_of({std::min(pencil.y << cut.shift, dealt_.y - 1),
                                         std::min(pencil.z << cut.shift, dealt_.z - 1)});
-    // Of ranks that begin at the same code, all but the last have nothing.
+    // If several ranks begin at the same code, all but the last have nothing.
     return static_cast<int>(std::upper_bound(first_.begin(), first_.end() - 1, code) -
                             first_.begin()) -
            1;
@@ -138,7 +143,8 @@ int Pencils::owner(const PencilCut& cut, const Pencil& pencil) const {
 
 std::vector<Pencil> Pencils::of(int rank, const PencilCut& cut) const {
     const auto r = static_cast<std::size_t>(rank);
-    // Pencils of the cut along an axis whose owner is that of a pencil that is dealt out.
+    // Pencils of the cut along an axis whose owner is that of a distributed pencil of the base
+    // pass.
     struct Range {
         std::int64_t begin = 0;
         std::int64_t end = 0;
@@ -200,6 +206,197 @@ std::vector<PencilBox> Pencils::boxes(int rank) const {
         }
     }
     return found;
+}
+
+namespace {
+
+void add_box(const ArrayInfo* array, const Int3& first, std::int64_t count,
+             std::vector<ChunkPlace>& out) {
+    if (array == nullptr || array->alias) {
+        return;
+    }
+    const Int3 end = min(first + Int3{count, count, count}, array->grid);
+    for (std::int64_t z = first.z; z < end.z; ++z) {
+        for (std::int64_t y = first.y; y < end.y; ++y) {
+            for (std::int64_t x = first.x; x < end.x; ++x) {
+                out.push_back({array, {x, y, z}});
+            }
+        }
+    }
+}
+
+void add_indicators(const StoreLayout& layout, int level, const Int3& first, std::int64_t count,
+                    std::vector<ChunkPlace>& out) {
+    for (const Field field : layout.header().fields) {
+        add_box(find_array(layout, level, field), first, count, out);
+    }
+}
+
+}  // namespace
+
+int last_pass(const StoreLayout& layout) {
+    return std::max(layout.lattice().top() + 1, kBasePass);
+}
+
+std::vector<ChunkPlace> chunks_of(const StoreLayout& layout, int pass, const Int3& block) {
+    std::vector<ChunkPlace> out;
+    const int top = layout.lattice().top();
+    if (pass == kBasePass) {
+        add_box(&layout.array(0, Field::values), block * 2, 2, out);
+        add_box(find_array(layout, 1, Field::values), block, 1, out);
+        add_indicators(layout, 1, block * 2, 2, out);
+        add_indicators(layout, 2, block, 1, out);
+    } else if (pass <= top) {
+        add_box(&layout.array(pass - 1, Field::values), block, 1, out);
+        add_indicators(layout, pass, block, 1, out);
+    } else {
+        const ArrayInfo& values = layout.array(top, Field::values);
+        const Int3& grid = values.grid;
+        add_box(&values, {0, 0, 0}, std::max({grid.x, grid.y, grid.z}), out);
+    }
+    return out;
+}
+
+OwnRows::OwnRows(const StoreLayout& layout, const Pencils& pencils, int rank)
+    : layout_(&layout), pencils_(&pencils), rank_(rank), boxes_(pencils.boxes(rank)) {}
+
+bool OwnRows::next(BlockRow& row) {
+    if (box_ < boxes_.size()) {
+        const PencilBox& box = boxes_[box_];
+        row = {kBasePass, box.y_begin, box.y_end, box.z_begin + row_};
+        if (++row_ == box.z_end - box.z_begin) {
+            row_ = 0;
+            ++box_;
+        }
+        return true;
+    }
+    const int last = last_pass(*layout_);
+    while (at_ == coarse_.size()) {
+        if (pass_ == last) {
+            return false;
+        }
+        ++pass_;
+        at_ = 0;
+        coarse_ = pass_ < last                                  ? pencils_->of(rank_, pass_)
+                  : pencils_->owner(kBasePass, {0, 0}) == rank_ ? std::vector<Pencil>{{0, 0}}
+                                                                : std::vector<Pencil>();
+    }
+    const Pencil& pencil = coarse_[at_++];
+    row = {pass_, pencil.y, pencil.y + 1, pencil.z};
+    return true;
+}
+
+bool OwnChunks::next(ChunkPlace& place) {
+    while (chunk_ == chunks_.size()) {
+        while (block_ == size_.product()) {
+            if (!rows_.next(row_)) {
+                return false;
+            }
+            block_ = 0;
+            size_ = {row_.pass > kBasePass && row_.pass == last_pass(*layout_)
+                         ? 1
+                         : pencils_->grid(row_.pass).x,
+                     row_.y_end - row_.y_begin, 1};
+        }
+        const Int3 in_row = size_.unlinear(block_++);
+        chunks_ = chunks_of(*layout_, row_.pass, {in_row.x, row_.y_begin + in_row.y, row_.z});
+        chunk_ = 0;
+    }
+    place = chunks_[chunk_++];
+    return true;
+}
+
+namespace {
+
+constexpr std::size_t kRowsAtOnce = 4096;
+constexpr std::size_t kBytesAtOnce = std::size_t{1} << 20U;
+
+/// Copies from one file to another.
+void copy_chunks(ChunkRun from, const SharedFile& to, std::uint64_t offset, std::uint64_t bytes,
+                 std::vector<std::byte>& buffer, const std::filesystem::path& store) {
+    while (bytes > 0) {
+        const std::uint64_t most = std::min<std::uint64_t>(bytes, kBytesAtOnce);
+        std::uint64_t n = to.copy_from(from.descriptor, from.offset, offset, most);
+        if (n == 0) {
+            buffer.resize(kBytesAtOnce);
+            const auto piece = std::span(buffer).first(static_cast<std::size_t>(most));
+            if (!pread_whole(from.descriptor, from.offset, piece)) {
+                throw Error(ErrorKind::io, {store.string()},
+                            fmt::format("cannot read chunks of it back: {}",
+                                        errno == 0 ? "the file was cut" : std::strerror(errno)));
+            }
+            to.write_at(offset, piece);
+            n = most;
+        }
+        from.offset += n;
+        offset += n;
+        bytes -= n;
+    }
+}
+
+}  // namespace
+
+void OwnChunkFile::add(std::span<const EncodedChunk> chunks) {
+    const ChunkRun place{bytes_.descriptor(), end_};
+    for (const EncodedChunk& chunk : chunks) {
+        bytes_.write_at(end_, chunk.bytes);
+        end_ += chunk.bytes.size();
+    }
+    add(chunks, place);
+}
+
+void OwnChunkFile::add(std::span<const EncodedChunk> chunks, const ChunkRun& place) {
+    if (runs_.empty() || runs_.back().place.descriptor != place.descriptor ||
+        runs_.back().place.offset + runs_.back().bytes != place.offset) {
+        runs_.push_back({place});
+    }
+    for (const EncodedChunk& chunk : chunks) {
+        ++runs_.back().rows;
+        runs_.back().bytes += chunk.row.bytes;
+        pending_.push_back(chunk.row);
+        if (pending_.size() == kRowsAtOnce) {
+            flush();
+        }
+    }
+}
+
+void OwnChunkFile::flush() {
+    rows_.write_at(count_ * sizeof(ChunkRow), std::as_bytes(std::span(pending_)));
+    count_ += pending_.size();
+    pending_.clear();
+}
+
+std::span<ChunkRow> OwnChunkFile::rows() {
+    if (!pending_.empty() || rows_.as<ChunkRow>().size() != count_) {
+        flush();
+        rows_.map(count_ * sizeof(ChunkRow));
+    }
+    return rows_.as<ChunkRow>();
+}
+
+std::uint64_t OwnChunkFile::write_into(const std::filesystem::path& store) const {
+    SharedFile file(store);
+    std::vector<std::byte> buffer;
+    std::uint64_t written = 0;
+    std::span<const ChunkRow> rows = rows_.as<ChunkRow>();
+    for (const Run& run : runs_) {
+        ChunkRun from = run.place;
+        const std::span<const ChunkRow> of_run = rows.first(run.rows);
+        rows = rows.subspan(run.rows);
+        for (std::size_t i = 0; i < of_run.size();) {
+            // As many chunks as are adjacent in the store, too.
+            const std::uint64_t offset = of_run[i].offset;
+            std::uint64_t bytes = 0;
+            for (; i < of_run.size() && of_run[i].offset == offset + bytes; ++i) {
+                bytes += of_run[i].bytes;
+            }
+            copy_chunks(from, file, offset, bytes, buffer, store);
+            from.offset += bytes;
+        }
+        written += run.bytes;
+    }
+    file.close();
+    return written;
 }
 
 }  // namespace isonest::detail

@@ -1,6 +1,7 @@
 #include "preprocess/ranks/preprocess_on_ranks.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <array>
 #include <chrono>
@@ -13,24 +14,72 @@
 #include <vector>
 
 #include <isonest/error.h>
+#include <isonest/field.h>
 
 #include "preprocess/levels/centre_store.h"
-#include "preprocess/levels/pass_budget.h"
+#include "preprocess/levels/pass_context.h"
 #include "preprocess/levels/run_ends.h"
-#include "preprocess/ranks/agreement.h"
 #include "preprocess/ranks/block_journal.h"
-#include "preprocess/ranks/own_chunk_file.h"
 #include "preprocess/ranks/partial_levels.h"
 #include "preprocess/ranks/pencils.h"
 #include "preprocess/ranks/rank_passes.h"
-#include "preprocess/ranks/shared_ranges.h"
 #include "preprocess/ranks/shared_table.h"
+#include "store/base/label_text.h"
 #include "store/base/workers.h"
+#include "store/container/codec.h"
+#include "store/container/format.h"
 #include "store/container/writer.h"
 #include "store/files/output_file.h"
-#include "store/ranks/same_folder.h"
+#include "store/ranks/agreement.h"
 
 namespace isonest::detail {
+namespace {
+
+std::string digest_of(const std::string& text) {
+    return fmt::format("{:016x}", checksum_of(std::as_bytes(std::span(text))));
+}
+
+/// Everything that determines which values lie where, except the name of the input.
+std::string input_text(const VolumeSource& source) {
+    const VolumeDescription v = source.describe();
+    std::string text = fmt::format(
+        "{}\n{} {} {} {} {} {} {} {}\n", source.identity(), v.nodes.x, v.nodes.y, v.nodes.z,
+        name_of(v.type), v.labels, v.unit ? static_cast<int>(*v.unit) : -1, name_of(v.frame),
+        fmt::format("{} {}", fmt::join(v.spacing, " "), fmt::join(v.origin, " ")));
+    for (const Double3& axis : v.direction) {
+        text += fmt::format("{}\n", fmt::join(axis, " "));
+    }
+    for (const LabelName& name : source.label_names()) {
+        text += fmt::format("{} {}\n", name.id, name.name);
+    }
+    return text;
+}
+
+std::string options_text(const PreprocessOptions& options) {
+    return fmt::format("{} {} {} {} {} {}", options.chunk, options.compression, options.exact,
+                       options.force, options.resume, list_names(options.fields));
+}
+
+}  // namespace
+
+void require_same_work(Communicator& ranks, const VolumeSource& source,
+                       const PreprocessOptions& options) {
+    const std::string input = digest_of(input_text(source));
+    const std::string chosen = digest_of(options_text(options));
+    const std::string other_inputs = who_differs(ranks, input, input);
+    const std::string other_choices = who_differs(ranks, chosen, chosen);
+    if (!other_inputs.empty()) {
+        throw Error(ErrorKind::invalid_argument, {source.describe().name},
+                    "ranks see different inputs: not what rank 0 sees, see ranks " + other_inputs);
+    }
+    if (!other_choices.empty()) {
+        throw Error(
+            ErrorKind::invalid_argument, {source.describe().name},
+            "ranks have different options: not those of rank 0, have ranks " + other_choices);
+    }
+    ranks.meet();
+}
+
 namespace {
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
@@ -45,7 +94,7 @@ void require_possible(const Communicator& ranks, const VolumeSource& source) {
     }
 }
 
-/// A name that no file has: ".STORE.ranks-RANK-", something random, ".blocks".
+/// An unused name: ".STORE.ranks-RANK-", random digits, ".blocks".
 std::filesystem::path journal_name(const std::filesystem::path& scratch,
                                    const std::filesystem::path& store, int rank) {
     std::random_device device;
@@ -76,11 +125,11 @@ RanksReport run_to_the_end(PassWork& work, VolumeSource& source, const std::file
     report.writing = seconds_since(writing);
     gather_cube_ranges(ranks, work.layout, work.pencils, work.centres);
     if (writer == nullptr) {
-        // What is left is rank 0's; once it has this rank's sum, it does not ask again.
+        // The rest is up to rank 0; once it has this rank's sum, it needs nothing more from it.
         ranks.ignore_stop(true);
     }
     std::array<std::uint64_t, 2> sums{work.input_on_disk ? 1U : 0U, work.resumed_chunks};
-    ranks.sum(sums);  // and by now all chunks are on the disk
+    ranks.sum(sums);  // by now all chunks are on disk
     report.whole.input_on_disk = sums[0] > 0;
     report.whole.resumed_chunks = sums[1];
     if (writer != nullptr) {
@@ -97,7 +146,7 @@ RanksReport run_to_the_end(PassWork& work, VolumeSource& source, const std::file
         report.alone += seconds_since(ending);
         report.whole.store_bytes = std::filesystem::file_size(store);
     }
-    // Nobody says that it is done before it is.
+    // No rank reports success before the store is finished.
     ranks.meet();
     report.whole.seconds = seconds_since(start);
     return report;
@@ -144,7 +193,7 @@ RanksReport preprocess_on_ranks(Communicator& ranks, VolumeSource& source,
     if (options.resume) {
         const std::string identity = identity_of(header, source, true);
         earlier.emplace(folder.path(), store, identity, layout);
-        // Nobody takes the files of this run for old ones.
+        // So that no rank takes the files of this run for old ones.
         ranks.meet();
         journal.emplace(journal_name(folder.path(), store, ranks.rank()), identity, layout,
                         centres);

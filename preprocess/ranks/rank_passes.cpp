@@ -15,13 +15,12 @@
 #include <isonest/field.h>
 #include <isonest/value_type.h>
 
-#include "preprocess/levels/base_block.h"
-#include "preprocess/levels/coarse_block.h"
-#include "preprocess/levels/indicator_chunks.h"
+#include "preprocess/levels/level_blocks.h"
+#include "preprocess/levels/level_sink.h"
 #include "preprocess/levels/pass_context.h"
 #include "preprocess/ranks/halo.h"
-#include "preprocess/ranks/own_chunks.h"
-#include "preprocess/ranks/part_blocks.h"
+#include "preprocess/ranks/partial_levels.h"
+#include "preprocess/ranks/pencils.h"
 #include "preprocess/sources/wrapping/plane_window.h"
 #include "store/base/in_order.h"
 #include "store/container/codec.h"
@@ -46,7 +45,7 @@ class PassClock {
     std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-/// Completes the rows of a block's chunks, and keeps what coarser levels need of them.
+/// Completes the rows of a block's chunks, and keeps the parts that coarser levels need.
 void finish_chunks(const PassWork& work, int pass, const Int3& block,
                    std::vector<EncodedChunk>& chunks) {
     const std::vector<ChunkPlace> expected = chunks_of(work.layout, pass, block);
@@ -68,7 +67,7 @@ void finish_chunks(const PassWork& work, int pass, const Int3& block,
     }
 }
 
-/// Blocks in parallel; `keep` gets their chunks in the order of the blocks.
+/// Computes blocks in parallel; `keep` receives their chunks in the order of the blocks.
 template <class BlockAt, class Keep>
 void run_own_blocks(PassWork& work, int pass, std::int64_t count, const BlockAt& block_at,
                     const RankBlock& compute, const Keep& keep, std::uint64_t progress_per_block) {
@@ -88,7 +87,7 @@ void run_own_blocks(PassWork& work, int pass, std::int64_t count, const BlockAt&
         });
 }
 
-/// As that; their chunks go to the rank's file.
+/// The same; the chunks go to the rank's file.
 template <class BlockAt>
 void run_own_blocks(PassWork& work, int pass, std::int64_t count, const BlockAt& block_at,
                     const RankBlock& compute, std::uint64_t progress_per_block) {
@@ -109,7 +108,7 @@ VolumePart part_of(const StoreLayout& layout, const PencilBox& box) {
             base_planes(layout, box.z_begin).first, base_planes(layout, box.z_end - 1).second};
 }
 
-/// The blocks of a row that an interrupted run has made.
+/// The blocks of a row that an interrupted run has already made.
 std::vector<bool> blocks_made(PassWork& work, const Int3& grid, const Int3& first) {
     std::vector<bool> made(static_cast<std::size_t>(grid.product()));
     for (std::int64_t i = 0; i < grid.product() && work.earlier != nullptr; ++i) {
@@ -180,7 +179,7 @@ void run_box(PassWork& work, VolumeSource& source, const PassContext& context, c
     }
 }
 
-/// Space for the centres, and the ranges of cubes, that the rank's pencils make in a pass.
+/// Reserves space for the centres and the ranges of cubes that the rank's pencils make in a pass.
 void reserve_centres(const PassWork& work, int pass, std::span<const Pencil> pencils,
                      std::int64_t cells) {
     for (const Pencil& p : pencils) {
@@ -195,7 +194,7 @@ void reserve_centres(const PassWork& work, int pass, std::span<const Pencil> pen
     }
 }
 
-/// Rows of nodes that pencils of a pass make.
+/// The rows of nodes that pencils of a pass make.
 HaloArray node_rows(const PartialArray& array, const PencilCut& made, std::int64_t rows) {
     HaloArray halo;
     halo.made = made;
@@ -243,7 +242,7 @@ std::vector<HaloArray> halo_arrays(const PassWork& work, int level) {
         add(centres(level - 1, field), 2, 1, 0);
     }
     if (carries_deviation(layout)) {
-        // Of the cubes behind, those that begin less than the margin away.
+        // Of the cubes that follow, only those that begin less than the margin away.
         add(level == kBasePass + 1 ? node_rows(*work.levels.deviations(), finer, 2 * finer.cells)
                                    : centres(level - 2, deviation_carried(layout)),
             4, kCoarseMargin, kCoarseMargin - 1);
@@ -251,7 +250,7 @@ std::vector<HaloArray> halo_arrays(const PassWork& work, int level) {
     return arrays;
 }
 
-/// What the chunks of a pass in parts are put together from.
+/// The arrays from which the chunks of a pass in parts are assembled.
 std::vector<HaloArray> part_arrays(const PassWork& work, int pass) {
     const PencilCut cut = work.pencils.part_cut(pass);
     std::vector<HaloArray> arrays;
@@ -285,7 +284,7 @@ void run_base(PassWork& work, VolumeSource& source, const PassContext& context) 
     });
 }
 
-/// A level from 3 on.
+/// A level >= 3.
 template <class T>
 void run_level_pass(PassWork& work, const PassContext& context, int pass) {
     const bool in_parts = work.pencils.has_parts(pass);

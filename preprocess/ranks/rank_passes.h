@@ -8,9 +8,8 @@
 #include <isonest/volume_source.h>
 
 #include "preprocess/levels/centre_store.h"
-#include "preprocess/levels/pass_budget.h"
+#include "preprocess/levels/pass_context.h"
 #include "preprocess/ranks/block_journal.h"
-#include "preprocess/ranks/own_chunk_file.h"
 #include "preprocess/ranks/partial_levels.h"
 #include "preprocess/ranks/pencils.h"
 #include "store/base/workers.h"
@@ -19,7 +18,7 @@
 
 namespace isonest::detail {
 
-/// What a rank works with, and where its work goes.
+/// Inputs and outputs of a rank's passes.
 struct PassWork {
     Communicator& ranks;
     const StoreLayout& layout;
@@ -31,15 +30,15 @@ struct PassWork {
     PartialLevels& levels;
     OwnChunkFile& chunks;
     Progress& progress;
-    const EarlierBlocks* earlier = nullptr;  ///< those of an interrupted run, if any
-    BlockJournal* journal = nullptr;  ///< if this run is to be resumed when it is interrupted
-    std::uint64_t bytes_read = 0;     ///< of the input
-    bool input_on_disk = false;       ///< some of it was first copied to `scratch`
+    const EarlierBlocks* earlier = nullptr;  ///< blocks of an interrupted run, if any
+    BlockJournal* journal = nullptr;         ///< if this run can be resumed after an interruption
+    std::uint64_t bytes_read = 0;            ///< bytes of the input that were read
+    bool input_on_disk = false;              ///< parts of it were first copied to `scratch`
     std::uint64_t resumed_chunks = 0;
     double seconds_of_passes = 0;
 };
 
-/// All levels of the rank's pencils. Collective. Throws what preprocess() throws.
+/// Makes all levels of the rank's pencils. Collective. Throws what preprocess() throws.
 void run_rank_passes(PassWork& work, VolumeSource& source);
 
 }  // namespace isonest::detail

@@ -40,14 +40,13 @@ MemoryVolume::MemoryVolume(const void* data, ValueType type, const Int3& nodes, 
 }
 
 VolumeDescription MemoryVolume::describe() const {
-    return {nodes_,       type_,       layout_.spacing, layout_.origin,
-            layout_.name, kAlongWorld, false,           layout_.unit,
-            layout_.frame};
+    return {nodes_,      type_, layout_.spacing, layout_.origin, layout_.name,
+            kAlongWorld, false, layout_.unit,    layout_.frame};
 }
 
 std::span<const std::byte> MemoryVolume::mapped() const {
     const std::size_t value = size_of(type_);
-    // Where an axis has one node, its stride is never used.
+    // The stride of an axis with one node is never used.
     const Int3 dense = dense_strides(nodes_, type_);
     for (int axis = 0; axis < 3; ++axis) {
         if (nodes_[axis] > 1 && strides_[axis] != dense[axis]) {

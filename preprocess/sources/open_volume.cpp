@@ -1,38 +1,43 @@
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/types.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <initializer_list>
 #include <memory>
+#include <optional>
 #include <utility>
+#include <vector>
 
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
 
-#include "preprocess/sources/bytes/far_objects.h"
-#include "preprocess/sources/bytes/gzip_stream.h"
+#include "preprocess/sources/bytes/header_words.h"
 #include "preprocess/sources/bytes/input_file.h"
-#include "preprocess/sources/bytes/natural_order.h"
-#include "preprocess/sources/bytes/regular_file.h"
-#include "preprocess/sources/known/known_formats.h"
-#include "preprocess/sources/label_names/label_file.h"
+#include "preprocess/sources/bytes/remote_objects.h"
+#include "preprocess/sources/bytes/stream_bytes.h"
+#include "preprocess/sources/known_formats.h"
 #include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/volume_format.h"
-#include "preprocess/sources/wrapping/converted_source.h"
 #include "preprocess/sources/wrapping/cropped_source.h"
-#include "preprocess/sources/wrapping/described_source.h"
-#include "preprocess/sources/wrapping/missing_source.h"
-#include "preprocess/sources/wrapping/named_labels_source.h"
-#include "store/base/label_bits.h"
+#include "preprocess/sources/wrapping/label_names.h"
+#include "preprocess/sources/wrapping/scaled_source.h"
+#include "preprocess/sources/wrapping/wrapped_source.h"
+#include "store/base/label_text.h"
+#include "store/files/scratch_file.h"
 #include "store/remote/open_location.h"
 
 namespace isonest {
 using namespace detail;
 namespace {
 
-/// A source with another spacing, origin, unit or frame than the file says. With another spacing
-/// the axes are along the world's: of axes that were not, nothing says any more how a patient lies.
+/// A source whose spacing, origin, unit or frame replaces that of the file. With a new spacing the
+/// axes are along the world's; if they were not before, the patient's orientation is lost.
 class Placed : public DescribedSource {
   public:
     Placed(std::unique_ptr<VolumeSource> inner, const SourceOptions& options)
@@ -70,10 +75,10 @@ class Placed : public DescribedSource {
     std::optional<AnatomicalFrame> frame_;
 };
 
-/// A source with what was fetched for it.
+/// A source with the counts of what was fetched for it.
 class Elsewhere : public DescribedSource {
   public:
-    Elsewhere(std::unique_ptr<VolumeSource> inner, std::shared_ptr<const FarObjects> objects,
+    Elsewhere(std::unique_ptr<VolumeSource> inner, std::shared_ptr<const RemoteObjects> objects,
               bool is_folder)
         : DescribedSource(std::move(inner)), objects_(std::move(objects)), is_folder_(is_folder) {}
     [[nodiscard]] FetchedCounts fetched() const override {
@@ -96,11 +101,11 @@ class Elsewhere : public DescribedSource {
     }
 
   private:
-    std::shared_ptr<const FarObjects> objects_;
-    bool is_folder_;  ///< what is read is many objects below one URL
+    std::shared_ptr<const RemoteObjects> objects_;
+    bool is_folder_;  ///< many objects below one URL are read
 };
 
-/// Options that were given but mean nothing for the format are refused.
+/// Refuses options that were given but do not apply to the format.
 void refuse_options(const VolumeInput& input, const VolumeFormat& format, const SourceOptions& o) {
     const FormatOptions& takes = format.takes;
     const std::initializer_list<std::pair<const char*, bool>> given{
@@ -121,7 +126,7 @@ void refuse_options(const VolumeInput& input, const VolumeFormat& format, const 
     }
 }
 
-/// Less where the stream is damaged: who reads it on will say so.
+/// Returns less if the stream is damaged: reading further will report that.
 std::string first_unpacked(const InputFile& file) {
     std::string text(VolumeInput::kHeadBytes, '\0');
     try {
@@ -141,8 +146,8 @@ void read_head(VolumeInput& input) {
     input.unpacked = is_gzip(input.file) ? first_unpacked(input.file) : input.head;
 }
 
-/// What a URL names: an object, or, where there is no object of that name, what is taken for a
-/// folder, of which only the names of its objects are known, not which there are.
+/// What a URL refers to: an object or, if there is no object of that name, a folder. The objects in
+/// a folder can be requested by name, but not listed.
 VolumeInput look_at_url(const std::vector<std::filesystem::path>& paths,
                         const RemoteAccess& remote) {
     const std::string shown = shown_location(paths[0].native());
@@ -152,7 +157,7 @@ VolumeInput look_at_url(const std::vector<std::filesystem::path>& paths,
                     {{RemedyKind::download}});
     }
     VolumeInput input{
-        .paths = paths, .far = true, .elsewhere = std::make_shared<FarObjects>(remote)};
+        .paths = paths, .remote = true, .elsewhere = std::make_shared<RemoteObjects>(remote)};
     if (shown.ends_with('/') || shown.ends_with(".zarr")) {
         input.folder = true;
         return input;
@@ -191,7 +196,7 @@ VolumeInput look_at(const std::vector<std::filesystem::path>& paths, const Remot
     return input;
 }
 
-[[noreturn]] void refuse_far(const VolumeInput& input, const std::string& name) {
+[[noreturn]] void refuse_remote(const VolumeInput& input, const std::string& name) {
     throw Error(ErrorKind::unsupported, {input.name()},
                 fmt::format("of what is elsewhere, {} is not read", name),
                 {{RemedyKind::download}});
@@ -202,8 +207,8 @@ VolumeInput look_at(const std::vector<std::filesystem::path>& paths, const Remot
                 fmt::format("this is {}, which is not read: {}", known.what, known.advice));
 }
 
-/// A folder that no format recognises: says what it is, or what the first file in it is that is
-/// known.
+/// Refuses a folder that no format recognises: names what it is, or what the first known file in it
+/// is.
 [[noreturn]] void refuse_folder(const VolumeInput& input) {
     const std::filesystem::path& folder = input.path();
     if (const auto known = known_folder(folder)) {
@@ -213,15 +218,15 @@ VolumeInput look_at(const std::vector<std::filesystem::path>& paths, const Remot
     if (std::filesystem::is_empty(folder, error)) {
         throw Error(ErrorKind::unsupported, {input.name()}, "the folder is empty");
     }
-    constexpr std::size_t kMostLookedAt = 32;
+    constexpr std::size_t kMaxLookedAt = 32;
     std::vector<std::filesystem::path> files = files_in(folder);
-    files.resize(std::min(files.size(), kMostLookedAt));
+    files.resize(std::min(files.size(), kMaxLookedAt));
     for (const std::filesystem::path& path : files) {
         VolumeInput file{.paths = {path}, .file = path};
         try {
             read_head(file);
         } catch (const Error&) {
-            continue;  // not readable: no reason to say less of the others
+            continue;  // not readable: try the others
         }
         for (const VolumeFormat& format : volume_formats()) {
             if (!format.takes.numbers && format.recognises(file)) {
@@ -247,11 +252,10 @@ VolumeInput look_at(const std::vector<std::filesystem::path>& paths, const Remot
 
 const VolumeFormat& format_of(const VolumeInput& input) {
     for (const VolumeFormat& format : volume_formats()) {
-        // Those that are not read from URLs look at an object's first bytes, and at no folder
-        // there.
-        if ((format.reads_urls || !input.far || !input.folder) && format.recognises(input)) {
-            if (input.far && !format.reads_urls) {
-                refuse_far(input, format.about.name);
+        // Formats that do not support URLs only check an object's first bytes, not remote folders.
+        if ((format.reads_urls || !input.remote || !input.folder) && format.recognises(input)) {
+            if (input.remote && !format.reads_urls) {
+                refuse_remote(input, format.about.name);
             }
             return format;
         }
@@ -259,7 +263,7 @@ const VolumeFormat& format_of(const VolumeInput& input) {
     if (input.missing != nullptr) {
         throw Error(*input.missing);
     }
-    if (input.far) {
+    if (input.remote) {
         throw Error(ErrorKind::not_found, {input.name()},
                     "there is no Zarr array or image in this folder, and of folders elsewhere no "
                     "others are read",
@@ -268,7 +272,8 @@ const VolumeFormat& format_of(const VolumeInput& input) {
     refuse_folder(input);
 }
 
-/// Whether the error is one of the contents of a file that the input names (a header's data).
+/// Whether the error is about the contents of a file that the input refers to (a header's data
+/// file).
 bool is_of_named_file(const Error& error, const VolumeInput& input) {
     const std::string& file = error.place().file;
     return error.kind() != ErrorKind::io && error.kind() != ErrorKind::limit && !file.empty() &&
@@ -278,8 +283,8 @@ bool is_of_named_file(const Error& error, const VolumeInput& input) {
                [&](const std::filesystem::path& path) { return file.starts_with(path.native()); });
 }
 
-/// Errors of a file that the input names say which input that is: its reader may not know that it
-/// names one.
+/// Adds the name of the input to errors about a file that it refers to, as the user may not know
+/// that it does.
 std::unique_ptr<VolumeSource> opened(const VolumeFormat& format, const VolumeInput& input,
                                      const SourceOptions& options) {
     try {
@@ -305,6 +310,15 @@ std::vector<InputFormat> input_formats() {
         }
     }
     return formats;
+}
+
+std::string input_format_of(const std::filesystem::path& path) {
+    try {
+        const VolumeFormat& format = format_of(look_at({path}, {}));
+        return format.takes.numbers ? std::string() : format.about.name;
+    } catch (const Error&) {
+        return {};
+    }
 }
 
 std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::path>& paths,
@@ -350,8 +364,8 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
     if (options.missing) {
         double missing = *options.missing;
         if (source->describe().labels) {
-            constexpr double kMost = 9007199254740992.0;  // 2^53
-            if (!(missing >= 0 && missing <= kMost) || missing != std::floor(missing)) {
+            constexpr double kMax = 9007199254740992.0;  // 2^53
+            if (!(missing >= 0 && missing <= kMax) || missing != std::floor(missing)) {
                 throw Error(ErrorKind::invalid_argument, {source->describe().name},
                             fmt::format("{} is no label that can be missing: they are whole "
                                         "numbers from 0 to 2^53",
@@ -369,4 +383,124 @@ std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
     return open_volume(std::vector{path}, options);
 }
 
+// Reading from a pipe by way of a temporary file.
+
+using namespace detail;
+namespace {
+
+constexpr const char* kName = "standard input";
+
+/// A source that reads the copy, and owns it.
+class StreamedSource : public DescribedSource {
+  public:
+    StreamedSource(ScratchFile copy, std::unique_ptr<VolumeSource> inner)
+        : DescribedSource(std::move(inner)), copy_(std::move(copy)) {}
+    [[nodiscard]] VolumeDescription describe() const override {
+        VolumeDescription result = inner_source().describe();
+        result.name = kName;
+        return result;
+    }
+    /// The next run could not read it again.
+    [[nodiscard]] std::string identity() const override { return ""; }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override { return {}; }
+
+  private:
+    ScratchFile copy_;
+};
+
+void copy_all(int descriptor, ScratchFile& copy) {
+    std::vector<std::byte> buffer(std::size_t{1} << 20U);
+    std::uint64_t at = 0;
+    while (true) {
+        const ssize_t n = ::read(descriptor, buffer.data(), buffer.size());
+        if (n < 0 && errno == EINTR) {
+            continue;
+        }
+        if (n < 0) {
+            throw Error(ErrorKind::io, {kName},
+                        fmt::format("cannot read: {}", std::strerror(errno)));
+        }
+        if (n == 0) {
+            break;
+        }
+        copy.write_at(at, {buffer.data(), static_cast<std::size_t>(n)});
+        at += static_cast<std::uint64_t>(n);
+    }
+    if (at == 0) {
+        throw Error(ErrorKind::invalid_argument, {kName}, "there is nothing to read");
+    }
+}
+
+/// A temporary name of the copy while HDF5 opens it, because HDF5 does not accept names in /proc.
+class ShortName {
+  public:
+    ShortName(const ScratchFile& copy, const std::filesystem::path& folder)
+        : name_(folder / fmt::format("{}{}", ScratchFile::kPrefix, ::getpid())) {
+        const std::string from = fmt::format("/proc/self/fd/{}", copy.descriptor());
+        if (::linkat(AT_FDCWD, from.c_str(), AT_FDCWD, name_.c_str(), AT_SYMLINK_FOLLOW) != 0) {
+            throw Error(ErrorKind::unsupported, {kName},
+                        fmt::format("HDF5 needs a file with a name, which its temporary copy in {} "
+                                    "cannot be given ({}): name the file instead",
+                                    folder.string(), std::strerror(errno)));
+        }
+    }
+    ShortName(const ShortName&) = delete;
+    ShortName& operator=(const ShortName&) = delete;
+    ~ShortName() { ::unlink(name_.c_str()); }
+    [[nodiscard]] const std::filesystem::path& path() const { return name_; }
+
+  private:
+    std::filesystem::path name_;
+};
+
+/// Rethrows the error with the name that the user gave.
+[[noreturn]] void rethrow_named(const Error& error, const std::string& path) {
+    ErrorPlace place = error.place();
+    if (place.file.starts_with(path)) {
+        place.file = kName + place.file.substr(path.size());
+    }
+    throw Error(error.kind(), place, error.problem(), error.remedies());
+}
+
+}  // namespace
+
+std::unique_ptr<VolumeSource> open_volume_stream(int descriptor,
+                                                 const std::filesystem::path& scratch_folder,
+                                                 const SourceOptions& options) {
+    ScratchFile copy(scratch_folder);
+    copy_all(descriptor, copy);
+    std::string path = fmt::format("/proc/self/fd/{}", copy.descriptor());
+    std::optional<ShortName> name;
+    if (is_hdf5(std::filesystem::path(path))) {
+        name.emplace(copy, scratch_folder);
+        path = name->path().string();
+    }
+    try {
+        std::unique_ptr<VolumeSource> source = open_volume(path, options);
+        return std::make_unique<StreamedSource>(std::move(copy), std::move(source));
+    } catch (const Error& error) {
+        rethrow_named(error, path);
+    }
+}
+
 }  // namespace isonest
+
+namespace isonest::detail {
+
+// The only list of formats.
+
+std::string VolumeInput::name() const {
+    return shown_location(paths.front().native());
+}
+
+const std::vector<VolumeFormat>& volume_formats() {
+    static const std::vector<VolumeFormat> formats{
+        nrrd_format(), hdf5_format(), netcdf3_format(), nifti_format(), meta_image_format(),
+        mgh_format(), mrc_format(), vti_format(), vtk_format(), npy_format(), npz_format(),
+        zarr_format(), dicom_format(), tiff_format(), png_format(), bmp_format(), vdb_format(),
+        // Must be last: it accepts every file.
+        raw_format()};
+    return formats;
+}
+
+}  // namespace isonest::detail

@@ -1,4 +1,4 @@
-// What a file format has to say of itself so that open_volume() can use it.
+// What a file format must provide so that open_volume() can use it, and the list of formats.
 #pragma once
 
 #include <filesystem>
@@ -10,36 +10,35 @@
 #include <isonest/open_volume.h>
 #include <isonest/volume_source.h>
 
-#include "preprocess/sources/bytes/far_objects.h"
 #include "preprocess/sources/bytes/input_file.h"
+#include "preprocess/sources/bytes/remote_objects.h"
 
 namespace isonest::detail {
 
-/// What the caller named: a file, a folder, or several files.
+/// What the caller specified: a file, a folder, or several files.
 struct VolumeInput {
     std::vector<std::filesystem::path> paths;  ///< at least one, in the caller's order
-    bool folder = false;                       ///< paths[0] is one
-    bool far = false;                          ///< paths are URLs
+    bool folder = false;                       ///< paths[0] is a folder
+    bool remote = false;                       ///< paths are URLs
     /// How URLs are read; null for files.
-    std::shared_ptr<FarObjects> elsewhere = nullptr;
-    /// paths[0], or of a URL the object that it names; none of what is taken for a folder
-    /// elsewhere.
+    std::shared_ptr<RemoteObjects> elsewhere = nullptr;
+    /// paths[0], or the object at that URL; empty for a URL that is taken for a folder.
     InputFile file = {};
-    /// Why a URL that is taken for a folder names no object; null where its name says a folder.
+    /// Why a URL that is taken for a folder names no object; null if its name says that it is one.
     std::shared_ptr<const Error> missing = nullptr;
-    /// The start of paths[0], up to kHeadBytes; empty for a folder.
+    /// The first bytes of paths[0], up to kHeadBytes; empty for a folder.
     std::string head = {};
-    /// The same of what gzip holds, where the file is gzip; else as `head`.
+    /// The same after decompression if the file is gzip; otherwise equal to `head`.
     std::string unpacked = {};
     [[nodiscard]] bool gzip() const { return unpacked != head; }
     static constexpr std::size_t kHeadBytes = 1024;
-    /// REQUIRES: not for messages, if far: it may have credentials.
+    /// REQUIRES: not used in messages if remote, as it may contain credentials.
     [[nodiscard]] const std::filesystem::path& path() const { return paths.front(); }
     /// For messages.
     [[nodiscard]] std::string name() const;
 };
 
-/// Options of SourceOptions that mean something for a format; the others are refused.
+/// The members of SourceOptions that apply to a format; the others are refused.
 struct FormatOptions {
     bool dataset = false;
     bool index = false;
@@ -50,18 +49,109 @@ struct FormatOptions {
 struct VolumeFormat {
     InputFormat about;
     FormatOptions takes;
-    bool several_files = false;  ///< one volume may be several files
-    bool reads_urls = false;     ///< recognises() and open() take what is elsewhere, too
-    /// By the first bytes, or what is in the folder. Reads little; never throws for what is
-    /// damaged. Formats that read no URLs are not asked about folders there.
+    bool several_files = false;  ///< several files can form one volume
+    bool reads_urls = false;     ///< recognises() and open() also accept URLs
+    /// Decides by the first bytes, or by what is in the folder. Reads little; never throws because
+    /// of damage. Not called for remote folders if the format reads no URLs.
     bool (*recognises)(const VolumeInput&);
-    /// Null where this build does not read it. crop, every, spacing, origin and missing are left to
-    /// the caller, except that a format may look at spacing where it decides what to refuse.
+    /// Null if this build does not read the format. The caller handles crop, every, spacing, origin
+    /// and missing; a format may use spacing only to decide what to refuse.
     std::unique_ptr<VolumeSource> (*open)(const VolumeInput&, const SourceOptions&);
 };
 
-/// All formats, in the order in which they are asked; raw numbers, which recognise everything,
-/// last.
+/// All formats, in the order in which they are tried. Raw numbers come last because they recognise
+/// everything.
 const std::vector<VolumeFormat>& volume_formats();
+
+// DICOM: a file, a folder or a list of files with the images of a series.
+
+VolumeFormat dicom_format();
+
+// A volume in an HDF5 dataset.
+
+/// Whether the file has HDF5's signature: at its start, or after a user block of 512, 1024, 2048
+/// ... bytes (MATLAB 7.3); in a remote object, of up to 32 KiB. Throws Error{io}.
+bool is_hdf5(const InputFile& file);
+
+VolumeFormat hdf5_format();
+
+// MetaImage, the format of ITK.
+
+/// Header and numbers in one file (.mha) or in two (.mhd).
+/// Source: https://itk.org/Wiki/ITK/MetaIO/Documentation
+VolumeFormat meta_image_format();
+
+// FreeSurfer volumes: .mgh, and compressed by gzip .mgz.
+
+/// Source: https://surfer.nmr.mgh.harvard.edu/fswiki/FsTutorial/MghFormat
+VolumeFormat mgh_format();
+
+// MRC/CCP4 maps of electron microscopy and crystallography.
+
+/// Source: https://www.ccpem.ac.uk/mrc_format/mrc2014.php (MRC2014); IMOD's flag for unsigned
+/// bytes: https://bio3d.colorado.edu/imod/doc/mrc_format.txt
+VolumeFormat mrc_format();
+
+// NetCDF classic files; NetCDF-4 files are HDF5.
+
+VolumeFormat netcdf3_format();
+
+// NIfTI-1 and NIfTI-2 images.
+
+/// One file (.nii, .nii.gz), or a header and an image (.hdr, .img), either of which may be given.
+VolumeFormat nifti_format();
+
+// NRRD files, with attached or detached header.
+
+/// Source: http://teem.sourceforge.net/nrrd/format.html
+VolumeFormat nrrd_format();
+
+// NumPy arrays: .npy, and .npz with several of them.
+
+/// Source: https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html
+VolumeFormat npy_format();
+/// An archive of such files, each stored or deflated.
+VolumeFormat npz_format();
+
+// OpenVDB: sparse grids of float32 or float64.
+
+VolumeFormat vdb_format();
+
+// Raw numbers: a file without a header.
+
+/// The caller must describe the numbers; recognises every file.
+VolumeFormat raw_format();
+
+// Stacks of images: a folder or a list of PNG or BMP files, or a single one.
+
+/// Grey images of 1 to 16 bits, and colour images whose pixels are all grey. Needs libpng.
+VolumeFormat png_format();
+
+/// Uncompressed; grey by a palette, and colour images whose pixels are all grey.
+VolumeFormat bmp_format();
+
+// TIFF: one file with one or many pages, a folder of files, or a list of them.
+
+/// Also BigTIFF, tiles, and every compression that the installed libtiff decodes.
+/// Sources: TIFF 6.0, https://www.itu.int/itudoc/itu-t/com16/tiff-fx/docs/tiff6.pdf;
+/// https://docs.openmicroscopy.org/ome-model/6.2.2/ome-tiff/specification.html (OME-TIFF);
+/// https://imagej.net/ij/docs/guide/146-6.html#sub:Image-Types-and-Formats (ImageJ's description).
+VolumeFormat tiff_format();
+
+// VTK images: legacy files (.vtk) and XML (.vti).
+
+/// STRUCTURED_POINTS, binary (big endian) or text.
+/// Source: https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html
+VolumeFormat vtk_format();
+
+/// One or several pieces. The numbers are appended (raw or base64), inline in base64, or text; they
+/// are uncompressed or compressed by zlib, LZ4 or LZMA. Needs expat. Source:
+/// https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
+VolumeFormat vti_format();
+
+// Zarr arrays of versions 2 and 3, with shards, and OME-Zarr images.
+
+/// A folder with an array or a group. Chunks are decoded by many threads.
+VolumeFormat zarr_format();
 
 }  // namespace isonest::detail

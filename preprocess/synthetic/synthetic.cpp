@@ -1,14 +1,22 @@
 #include "preprocess/synthetic/synthetic.h"
 
 #include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <random>
+#include <vector>
 
 #include <isonest/error.h>
 
-#include "preprocess/synthetic/cahn_hilliard.h"
+#include "store/base/workers.h"
+#include "store/exports/volume_file.h"
+#include "store/files/output_file.h"
+#include "store/lattice/lattice.h"
 
 namespace isonest::detail {
 namespace {
@@ -206,6 +214,149 @@ std::unique_ptr<SyntheticVolume> make_synthetic(const std::string& name, const I
     }
     throw Error(ErrorKind::invalid_argument, fmt::format("there is no volume '{}'; there are: {}",
                                                          name, fmt::join(synthetic_names(), ", ")));
+}
+
+// The equation: J. Cahn, J. Hilliard, "Free energy of a nonuniform system. I. Interfacial free
+// energy", J. Chem. Phys. 28 (1958).
+
+namespace {
+
+constexpr double kStep = 0.03;  // stable below 1/16: the square of a Laplacian's 8, times 1/2
+constexpr int kSteps = 6667;
+constexpr std::int64_t kMax = 4096;
+
+class CahnHilliard : public SyntheticVolume {
+  public:
+    CahnHilliard(const Int3& nodes, std::uint64_t seed)
+        : nx_(nodes.x), ny_(nodes.y), u_(static_cast<std::size_t>(nx_ * ny_)) {
+        // The generator's own numbers, because distributions differ between libraries.
+        std::mt19937_64 random(seed);
+        for (double& u : u_) {
+            u = 0.1 * (static_cast<double>(random() >> 11U) * 0x1p-53 - 0.5);
+        }
+        std::vector<double> potential(u_.size());
+        for (int step = 0; step < kSteps; ++step) {
+            each_row([&](std::int64_t y) {
+                for (std::int64_t x = 0; x < nx_; ++x) {
+                    const std::size_t i = at(x, y);
+                    potential[i] = u_[i] * u_[i] * u_[i] - u_[i] - 0.5 * laplace(u_, x, y);
+                }
+            });
+            each_row([&](std::int64_t y) {
+                for (std::int64_t x = 0; x < nx_; ++x) {
+                    u_[at(x, y)] += kStep * laplace(potential, x, y);
+                }
+            });
+        }
+    }
+    [[nodiscard]] double low() const override { return -1.2; }
+    [[nodiscard]] double high() const override { return 1.2; }
+    void row(std::int64_t y, std::int64_t /*z*/, double* out) const override {
+        std::copy_n(u_.begin() + static_cast<std::ptrdiff_t>(y * nx_), nx_, out);
+    }
+
+  private:
+    [[nodiscard]] std::size_t at(std::int64_t x, std::int64_t y) const {
+        return static_cast<std::size_t>(y * nx_ + x);
+    }
+    template <class F>
+    void each_row(const F& f) const {
+        tbb::parallel_for(std::int64_t{0}, ny_, f);
+    }
+    [[nodiscard]] double laplace(const std::vector<double>& v, std::int64_t x,
+                                 std::int64_t y) const {
+        const double west = v[at(std::max<std::int64_t>(x - 1, 0), y)];
+        const double east = v[at(std::min(x + 1, nx_ - 1), y)];
+        const double south = v[at(x, std::max<std::int64_t>(y - 1, 0))];
+        const double north = v[at(x, std::min(y + 1, ny_ - 1))];
+        return west + east + south + north - 4 * v[at(x, y)];
+    }
+
+    std::int64_t nx_;
+    std::int64_t ny_;
+    std::vector<double> u_;
+};
+
+}  // namespace
+
+std::unique_ptr<SyntheticVolume> make_cahn_hilliard(const Int3& nodes, std::uint64_t seed) {
+    if (nodes.x > kMax || nodes.y > kMax) {
+        throw Error(ErrorKind::limit,
+                    fmt::format("cahn-hilliard: a plane of {} x {} nodes: at most "
+                                "{} x {} can be computed",
+                                nodes.x, nodes.y, kMax, kMax));
+    }
+    return std::make_unique<CahnHilliard>(nodes, seed);
+}
+
+namespace {
+
+template <class T>
+T convert(double value, double low, double high) {
+    if constexpr (std::is_floating_point_v<T>) {
+        return static_cast<T>(value);
+    } else {
+        const auto from = static_cast<double>(std::numeric_limits<T>::min());
+        const auto to = static_cast<double>(std::numeric_limits<T>::max());
+        const double scaled = from + (value - low) / (high - low) * (to - from);
+        return static_cast<T>(std::round(std::clamp(scaled, from, to)));
+    }
+}
+
+template <class T>
+void fill(const SyntheticVolume& volume, const Int3& nodes, VolumeFile& file, Progress& progress) {
+    const std::int64_t plane = nodes.x * nodes.y;
+    constexpr std::int64_t kSlabBytes = std::int64_t{32} << 20;
+    const std::int64_t slab = std::clamp<std::int64_t>(
+        kSlabBytes / (plane * static_cast<std::int64_t>(sizeof(T))), 1, nodes.z);
+    std::vector<T> values(static_cast<std::size_t>(plane * slab));
+    for (std::int64_t z = 0; z < nodes.z; z += slab) {
+        progress.check();
+        const std::int64_t n = std::min(slab, nodes.z - z);
+        tbb::parallel_for(std::int64_t{0}, n * nodes.y, [&](std::int64_t r) {
+            thread_local std::vector<double> row;
+            row.resize(static_cast<std::size_t>(nodes.x));
+            volume.row(r % nodes.y, z + r / nodes.y, row.data());
+            T* const to = values.data() + r * nodes.x;
+            for (std::int64_t x = 0; x < nodes.x; ++x) {
+                to[x] = convert<T>(row[static_cast<std::size_t>(x)], volume.low(), volume.high());
+            }
+        });
+        file.write(reinterpret_cast<const std::byte*>(values.data()), n);
+        progress.advance(static_cast<std::uint64_t>(n * plane) * sizeof(T));
+    }
+}
+
+}  // namespace
+
+void make_volume(const std::filesystem::path& path, const MakeVolumeOptions& options,
+                 Progress& progress) {
+    for (int axis = 0; axis < 3; ++axis) {
+        if (options.nodes[axis] < 1 || options.nodes[axis] > kMaxNodesPerAxis) {
+            throw Error(
+                ErrorKind::invalid_argument,
+                fmt::format("size {} x {} x {}: each axis must have 1 to {} nodes", options.nodes.x,
+                            options.nodes.y, options.nodes.z, kMaxNodesPerAxis));
+        }
+    }
+    check_output(path, options.force, {});
+    Workers workers(options.threads);
+    const auto volume =
+        workers.execute([&] { return make_synthetic(options.name, options.nodes, options.seed); });
+    VolumeFileSpec spec;
+    spec.nodes = options.nodes;
+    spec.type = options.type;
+    spec.force = options.force;
+    const auto file = create_volume_file(path, spec);
+    progress.begin(options.name,
+                   static_cast<std::uint64_t>(options.nodes.product()) * size_of(options.type),
+                   "B");
+    workers.execute([&] {
+        dispatch(options.type, [&](auto tag) {
+            fill<typename decltype(tag)::type>(*volume, options.nodes, *file, progress);
+        });
+    });
+    file->finish();
 }
 
 }  // namespace isonest::detail

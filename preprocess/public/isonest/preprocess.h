@@ -15,15 +15,15 @@
 namespace isonest {
 
 struct PreprocessOptions {
-    std::uint64_t memory = std::uint64_t{1} << 30U;  ///< bytes of heap, at most
+    std::uint64_t memory = std::uint64_t{1} << 30U;  ///< maximum heap in bytes
     int threads = 0;                                 ///< 0 = all cores
     int chunk = 64;       ///< nodes per axis of a chunk: a power of two, 8 to 256
     int compression = 1;  ///< zstd level, 1 to 19
-    bool exact = false;   ///< indicators as binary32 instead of 16-bit codes rounded up
+    bool exact = false;   ///< store indicators as binary32 instead of 16-bit codes rounded up
     bool force = false;   ///< replace an existing store
-    /// Go on from where an interrupted run for the same store stopped, if there is one, which must
-    /// have had the same options and VolumeSource::identity() (not ""); and if this one is
-    /// cancelled or fails, leave what it has done for the next.
+    /// Continue an interrupted run for the same store, if there is one; it must have had the same
+    /// options and the same VolumeSource::identity() (not ""). If this run is cancelled or fails,
+    /// it keeps its results for the next run.
     bool resume = false;
     std::vector<Field> fields = default_indicators();
 };
@@ -34,22 +34,22 @@ struct PreprocessReport {
     std::uint64_t input_bytes = 0;
     std::uint64_t store_bytes = 0;
     std::uint64_t chunks = 0;
-    double min_value = 0;  ///< of labels of 64 bits: the label, rounded beyond 2^53
+    double min_value = 0;  ///< labels of 64 bits: the label, rounded above 2^53
     double max_value = 0;
-    /// Of labels of 64 bits, if a node has one: the smallest and the largest.
+    /// For labels of 64 bits: the smallest and the largest label, if any node has one.
     std::optional<std::array<std::int64_t, 2>> labels = {};
     bool has_missing = false;          ///< non-finite values were found and treated as missing data
-    std::uint64_t label_names = 0;     ///< labels whose name or colour the store has
-    std::uint64_t resumed_chunks = 0;  ///< taken over from an interrupted run
-    bool input_on_disk = false;  ///< the input was first copied to temporary space (little memory)
+    std::uint64_t label_names = 0;     ///< number of labels with a name or colour in the store
+    std::uint64_t resumed_chunks = 0;  ///< reused from an interrupted run
+    bool input_on_disk = false;  ///< the input was first copied to temporary space (low memory)
     double seconds = 0;
 };
 
-/// Reads `source` once and writes `store`, which appears under its name only when it is whole; a
-/// file of that name is left alone unless options.force.
-/// The bytes depend on the volume, chunk, compression, exact and fields alone.
-/// Throws Error{invalid_argument, io, limit, cancelled} and what the source throws.
-/// Thread-safety: several runs at once, each with a source and a store of its own.
+/// Reads `source` once and writes `store`. The store appears under its name only when it is
+/// complete; an existing file of that name is not replaced unless options.force is set. The bytes
+/// of the store depend only on the volume, chunk, compression, exact and fields. Throws
+/// Error{invalid_argument, io, limit, cancelled} and what the source throws.
+/// Thread-safety: several runs may execute at once, each with its own source and store.
 PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& store,
                             const PreprocessOptions& options = {},
                             Progress& progress = silent_progress());

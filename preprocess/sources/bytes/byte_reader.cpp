@@ -15,8 +15,7 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/read_ahead.h"
-#include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/bytes/input_file.h"
 
 namespace isonest::detail {
 namespace {
@@ -164,15 +163,15 @@ class PackedBlocks : public ByteReader {
         std::uint64_t at = 0;
         for (const std::uint64_t bytes : packed_sizes) {
             starts_.push_back(at);
-            most_packed_ = std::max(most_packed_, bytes);
+            max_packed_ = std::max(max_packed_, bytes);
             at += bytes;
         }
         starts_.push_back(at);
     }
     [[nodiscard]] std::uint64_t size() const override { return size_; }
     [[nodiscard]] std::uint64_t heap() const override {
-        return packed_->heap() + block_ + most_packed_ + starts_.size() * sizeof(std::uint64_t) +
-               most_beside(packing_);
+        return packed_->heap() + block_ + max_packed_ + starts_.size() * sizeof(std::uint64_t) +
+               max_beside(packing_, block_);
     }
     void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
         while (bytes > 0) {
@@ -208,7 +207,7 @@ class PackedBlocks : public ByteReader {
     std::uint64_t block_;
     std::uint64_t size_;
     std::vector<std::uint64_t> starts_;
-    std::uint64_t most_packed_ = 0;
+    std::uint64_t max_packed_ = 0;
     std::uint64_t current_ = ~std::uint64_t{0};
     std::vector<std::byte> letters_;
     std::vector<std::byte> decoded_;
@@ -257,7 +256,7 @@ class TextNumbers : public ByteReader {
 
   private:
     static constexpr std::size_t kPart = std::size_t{1} << 16U;
-    static constexpr std::size_t kLongest = 64;  ///< letters of a number
+    static constexpr std::size_t kLongest = 64;  ///< letters in a number
 
     T next() {
         const std::string_view word = next_word();
@@ -300,7 +299,7 @@ class TextNumbers : public ByteReader {
     std::uint64_t count_;
     bool commas_;
     std::uint64_t end_;
-    std::uint64_t at_;  ///< of what follows the part
+    std::uint64_t at_;  ///< of the bytes after the part
     std::unique_ptr<ByteReader> text_;
     std::string part_;
     std::ptrdiff_t used_ = 0;
@@ -311,7 +310,7 @@ class TextNumbers : public ByteReader {
 
 std::unique_ptr<ByteReader> file_bytes(const InputFile& file, std::uint64_t start,
                                        std::uint64_t size) {
-    if (file.is_far()) {
+    if (file.is_remote()) {
         return std::make_unique<BytesOfObject>(file, start, size);
     }
     return std::make_unique<BytesOfFile>(file.path(), start, size);

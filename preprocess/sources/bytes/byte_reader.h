@@ -1,4 +1,4 @@
-// Bytes that have to be made from what the file holds.
+// Sequences of bytes that are decoded from a file.
 #pragma once
 
 #include <cstddef>
@@ -14,46 +14,47 @@
 
 namespace isonest::detail {
 
-/// A sequence of bytes at any place of which one can read. Thread-safety: one thread.
+/// A sequence of bytes with reads at any position. Thread-safety: one thread.
 class ByteReader {
   public:
     ByteReader() = default;
     ByteReader(const ByteReader&) = delete;
     ByteReader& operator=(const ByteReader&) = delete;
     virtual ~ByteReader() = default;
-    /// How many there are.
+    /// Total number of bytes.
     [[nodiscard]] virtual std::uint64_t size() const = 0;
-    /// REQUIRES: all of them are there. Throws Error{io, corrupt}.
+    /// REQUIRES: the whole range exists. Throws Error{io, corrupt}.
     virtual void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) = 0;
-    /// Reads must come in ascending order.
+    /// If true, reads must come in ascending order.
     [[nodiscard]] virtual bool sequential() const { return false; }
-    /// All that is wanted was read: of what is packed, the rest is checked to its end. Throws
+    /// Called after the last read: compressed data are checked up to their end. Throws
     /// Error{corrupt}.
     virtual void finish() {}
-    /// Bytes that it holds.
+    /// Bytes of memory that it holds.
     [[nodiscard]] virtual std::uint64_t heap() const { return 0; }
 };
 
-/// Bytes [start, start + size) of a file, or of an object elsewhere. Throws Error{io}.
+/// Bytes [start, start + size) of a file or a remote object. Throws Error{io}.
 std::unique_ptr<ByteReader> file_bytes(const InputFile& file, std::uint64_t start,
                                        std::uint64_t size);
-/// `size` bytes in base64 without line breaks, from byte `start` of a file on. Throws Error{io}.
+/// `size` bytes stored in base64 without line breaks, from byte `start` of a file. Throws
+/// Error{io}.
 std::unique_ptr<ByteReader> base64_bytes(const InputFile& file, std::uint64_t start,
                                          std::uint64_t size);
-/// Packed blocks, one after the other in `packed`, of these packed sizes; each makes `block` bytes,
-/// but the last one the rest of `size`.
+/// Compressed blocks, stored one after the other in `packed` with these compressed sizes. Each
+/// decompresses to `block` bytes, the last one to the rest of `size`.
 std::unique_ptr<ByteReader> packed_blocks(BlockPacking packing, std::unique_ptr<ByteReader> packed,
                                           std::string name,
                                           const std::vector<std::uint64_t>& packed_sizes,
                                           std::uint64_t block, std::uint64_t size);
-/// All of `bytes` but its first `skipped`. REQUIRES: it has as many.
+/// All of `bytes` except the first `skipped`. REQUIRES: it has that many.
 std::unique_ptr<ByteReader> bytes_behind(std::unique_ptr<ByteReader> bytes, std::uint64_t skipped);
-/// `count` numbers of a type in text, white space between them, from byte `start` of a file on.
-/// They end at a `<`, as text in XML does. Sequential. Throws Error{io}; read() Error{corrupt}.
-/// `commas`: they may stand between numbers, too, as in NRRD.
+/// `count` numbers of a type as text, separated by white space, from byte `start` of a file. They
+/// end at a `<`, like text in XML. Sequential. Throws Error{io}; read() Error{corrupt}. `commas`:
+/// also allowed between numbers, as in NRRD.
 std::unique_ptr<ByteReader> text_numbers(const InputFile& file, std::uint64_t start, ValueType type,
                                          std::uint64_t count, bool commas = false);
-/// The same of integers of 64 bits.
+/// The same for integers of 64 bits.
 std::unique_ptr<ByteReader> text_integers(const InputFile& file, std::uint64_t start,
                                           bool is_signed, std::uint64_t count, bool commas = false);
 

@@ -1,25 +1,142 @@
 // Sources: RFC 1952; https://sourceware.org/bzip2/manual/manual.html#libprog
+
 #include "preprocess/sources/bytes/stream_bytes.h"
 
+#include <fcntl.h>
 #include <fmt/format.h>
-#if ISONEST_WITH_BZIP2
-#include <bzlib.h>
-#endif
+#include <unistd.h>
 
 #include <algorithm>
 #include <cctype>
+#include <cerrno>
+#include <cstring>
 #include <utility>
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/bytes/input_file.h"
+
+#if ISONEST_WITH_BZIP2
+#include <bzlib.h>
+#endif
 
 namespace isonest::detail {
+
+// Source: RFC 1952; https://zlib.net/manual.html
+
+GzipStream::GzipStream(const InputFile& file, std::string name, std::uint64_t start,
+                       DeflateWrapper wrapper)
+    : name_(std::move(name)), wrapper_(wrapper), file_at_(start), in_(std::size_t{1} << 18U) {
+    constexpr int kGzipOnly = 16;
+    const int bits = wrapper == DeflateWrapper::gzip   ? MAX_WBITS + kGzipOnly
+                     : wrapper == DeflateWrapper::zlib ? MAX_WBITS
+                                                       : -MAX_WBITS;
+    if (::inflateInit2(&stream_, bits) != Z_OK) {
+        throw Error(ErrorKind::io, {name_}, "zlib does not start: too little memory?");
+    }
+    if (file.is_remote()) {
+        remote_ = std::make_unique<ReadAhead>(file);
+        return;
+    }
+    fd_ = ::open(file.path().c_str(), O_RDONLY | O_CLOEXEC);
+    if (fd_ < 0) {
+        const int error = errno;
+        ::inflateEnd(&stream_);
+        throw Error(ErrorKind::io, {name_}, fmt::format("cannot open: {}", std::strerror(error)));
+    }
+}
+
+GzipStream::~GzipStream() {
+    ::inflateEnd(&stream_);
+    if (fd_ >= 0) {
+        ::close(fd_);
+    }
+}
+
+void GzipStream::corrupt(const std::string& what) const {
+    throw Error(ErrorKind::corrupt, {name_, fmt::format("byte {}", file_at_ - stream_.avail_in)},
+                fmt::format("damaged {} stream: {}",
+                            wrapper_ == DeflateWrapper::gzip ? "gzip" : "compressed", what));
+}
+
+bool GzipStream::refill() {
+    ssize_t n = 0;
+    if (remote_ != nullptr) {
+        const std::uint64_t left = remote_->size() - std::min(remote_->size(), file_at_);
+        n = static_cast<ssize_t>(std::min<std::uint64_t>(in_.size(), left));
+        remote_->read(file_at_, in_.data(), static_cast<std::uint64_t>(n));
+    } else {
+        do {
+            n = ::pread(fd_, in_.data(), in_.size(), static_cast<off_t>(file_at_));
+        } while (n < 0 && errno == EINTR);
+    }
+    if (n < 0) {
+        throw Error(ErrorKind::io, {name_, fmt::format("byte {}", file_at_)},
+                    fmt::format("cannot read: {}", std::strerror(errno)));
+    }
+    file_at_ += static_cast<std::uint64_t>(n);
+    stream_.next_in = reinterpret_cast<Bytef*>(in_.data());
+    stream_.avail_in = static_cast<uInt>(n);
+    return n > 0;
+}
+
+void GzipStream::next_member() {
+    constexpr unsigned char kMagic = 0x1F;
+    bool padding = false;
+    while (stream_.avail_in > 0 || refill()) {
+        if (*stream_.next_in == kMagic && !padding) {
+            ::inflateReset(&stream_);
+            return;
+        }
+        const uInt n = stream_.avail_in;
+        const uInt zeros = static_cast<uInt>(
+            std::find_if(stream_.next_in, stream_.next_in + n, [](Bytef b) { return b != 0; }) -
+            stream_.next_in);
+        stream_.next_in += zeros;
+        stream_.avail_in -= zeros;
+        if (zeros < n) {
+            corrupt("what follows its end is neither gzip nor zeros");
+        }
+        padding = true;
+    }
+    ended_ = true;
+}
+
+std::uint64_t GzipStream::read(std::byte* dst, std::uint64_t bytes) {
+    std::uint64_t done = 0;
+    while (done < bytes && !ended_) {
+        if (stream_.avail_in == 0 && !refill()) {
+            corrupt("the file ends before the stream does; it was cut short");
+        }
+        const auto part = static_cast<uInt>(std::min<std::uint64_t>(bytes - done, 1U << 30U));
+        stream_.next_out = reinterpret_cast<Bytef*>(dst + done);
+        stream_.avail_out = part;
+        const int code = ::inflate(&stream_, Z_NO_FLUSH);
+        done += part - stream_.avail_out;
+        if (code == Z_STREAM_END && wrapper_ != DeflateWrapper::gzip) {
+            ended_ = true;
+        } else if (code == Z_STREAM_END) {
+            next_member();
+        } else if (code != Z_OK && code != Z_BUF_ERROR) {
+            corrupt(stream_.msg != nullptr ? stream_.msg : "not what it should be");
+        }
+    }
+    return done;
+}
+
+bool is_gzip(const InputFile& file, std::uint64_t at) {
+    constexpr unsigned kReservedFlags = 0xE0;
+    const std::string head = first_bytes(file, 4, at);
+    return head.size() == 4 && head.starts_with("\x1F\x8B\x08") &&
+           (static_cast<unsigned char>(head[3]) & kReservedFlags) == 0;
+}
+
 namespace {
 
 constexpr std::size_t kStreamPart = std::size_t{1} << 17U;
 
-/// A part of what a stream gives. Stream has read(dst, bytes), which gives fewer only at its end.
+/// Part of the output of a stream. Stream has read(dst, bytes), which returns fewer only at its
+/// end.
 template <class Stream>
 class BytesOfStream : public ByteReader {
   public:
@@ -36,7 +153,7 @@ class BytesOfStream : public ByteReader {
         skip_to(skip_ + at);
         fetch(dst, bytes);
     }
-    /// Only the end brings the checksum.
+    /// Reads to the end, because the checksum is there.
     void finish() override {
         skip_to(skip_ + size_);
         std::vector<std::byte> rest(kStreamPart);
@@ -73,17 +190,17 @@ class BytesOfStream : public ByteReader {
     std::uint64_t skip_;
     std::uint64_t size_;
     Stream stream_;
-    std::uint64_t at_ = 0;  ///< of the stream
+    std::uint64_t at_ = 0;  ///< position in the stream
 };
 
-/// A file from a byte to its end, in parts.
+/// Reads a file from a byte to its end, in parts.
 class FileParts {
   public:
     FileParts(const InputFile& file, std::uint64_t start)
         : end_(regular_file_size(file)),
           at_(std::min(start, end_)),
           bytes_(file_bytes(file, 0, end_)) {}
-    /// Empty at the file's end.
+    /// Empty at the end of the file.
     std::vector<char>& next() {
         part_.resize(std::min<std::uint64_t>(kStreamPart, end_ - at_));
         bytes_->read(at_, reinterpret_cast<std::byte*>(part_.data()), part_.size());
@@ -117,7 +234,7 @@ class HexStream {
     }
 
   private:
-    /// -1 at the file's end.
+    /// -1 at the end of the file.
     int next_digit() {
         while (true) {
             if (used_ == part_->size()) {
@@ -161,7 +278,7 @@ class Bzip2Stream {
         while (done < bytes && !ended_) {
             if (stream_.avail_in == 0 && !refill()) {
                 if (is_new_) {
-                    ended_ = true;  // behind a stream
+                    ended_ = true;  // after a stream
                     break;
                 }
                 corrupt("the file ends before the stream does; it was cut short");
@@ -213,7 +330,7 @@ class Bzip2Stream {
     std::string name_;
     FileParts file_;
     bz_stream stream_{};
-    bool is_new_ = false;  ///< nothing of the stream at hand was read, and one came before
+    bool is_new_ = false;  ///< between streams: one has ended and nothing of the next was read
     bool had_stream_ = false;
     bool ended_ = false;
 };

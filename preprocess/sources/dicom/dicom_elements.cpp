@@ -10,22 +10,24 @@
 #include <cstring>
 #include <fstream>
 #include <optional>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/header_number.h"
-#include "preprocess/sources/bytes/lower_case.h"
-#include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/bytes/header_words.h"
+#include "preprocess/sources/bytes/input_file.h"
+#include "preprocess/sources/wrapping/label_names.h"
 
 namespace isonest::detail {
 namespace {
 
 constexpr std::uint64_t kPreamble = 128;
 constexpr std::uint64_t kWindow = 16384;
-constexpr std::uint64_t kMostText = 65536;
-constexpr std::uint64_t kMostBytes = 1U << 20U;
-constexpr int kMostDepth = 16;
+constexpr std::uint64_t kMaxText = 65536;
+constexpr std::uint64_t kMaxBytes = 1U << 20U;
+constexpr int kMaxDepth = 16;
 constexpr DicomTag kItem = 0xFFFEE000;
 constexpr DicomTag kItemEnd = 0xFFFEE00D;
 constexpr DicomTag kSequenceEnd = 0xFFFEE0DD;
@@ -57,7 +59,7 @@ DicomSyntax syntax_of(const std::string& uid) {
     return {uid, true, false, false};
 }
 
-/// Bytes in memory.
+/// A reader of bytes in memory.
 class InflatedStart : public ByteReader {
   public:
     explicit InflatedStart(std::string bytes) : bytes_(std::move(bytes)) {}
@@ -70,10 +72,10 @@ class InflatedStart : public ByteReader {
     std::string bytes_;
 };
 
-/// What a deflated stream without a head begins with, up to kMostBytes.
+/// Decompresses the start of a raw deflate stream, up to kMaxBytes.
 std::string first_inflated(std::string packed) {
     constexpr int kWithoutHead = -15;
-    std::string result(kMostBytes, '\0');
+    std::string result(kMaxBytes, '\0');
     z_stream stream{};
     if (inflateInit2(&stream, kWithoutHead) != Z_OK) {
         return {};
@@ -98,16 +100,16 @@ bool has_preamble(std::string_view head) {
     return head.size() >= kPreamble + 4 && head.substr(kPreamble, 4) == "DICM";
 }
 
-/// How a file without preamble begins.
+/// The start of a file without preamble.
 struct BareStart {
-    bool own_group = false;  ///< with the file's own group
+    bool own_group = false;  ///< begins with the file meta group
     bool explicit_vr = true;
     bool big_endian = false;
     std::string class_uid = {};
 };
 
-/// The SOP class in a row of elements that begins at the first byte, each with a larger tag than
-/// the one before; empty if there is none that DICOM defines.
+/// The SOP class in a sequence of elements with increasing tags that begins at the first byte;
+/// empty if there is none that DICOM defines.
 std::string bare_class(std::string_view head, bool explicit_vr, bool big_endian) {
     constexpr std::string_view kDefined = "1.2.840.10008.";
     DicomTag last = 0;
@@ -189,7 +191,7 @@ bool same_dicom_object(const std::filesystem::path& a, const std::filesystem::pa
     if (first.syntax().uid != second.syntax().uid || second.size() - second.start() != count) {
         return false;
     }
-    std::vector<std::byte> one(std::min(count, kMostBytes));
+    std::vector<std::byte> one(std::min(count, kMaxBytes));
     std::vector<std::byte> other(one.size());
     for (std::uint64_t at = 0; at < count; at += one.size()) {
         const std::uint64_t part = std::min<std::uint64_t>(one.size(), count - at);
@@ -284,7 +286,7 @@ DicomElement DicomFile::element(std::uint64_t at, std::uint64_t end, const Codin
     return result;
 }
 
-/// The elements from `at` on; returns where the next thing is.
+/// Visits the elements from `at`; returns the position after them.
 std::uint64_t DicomFile::set(std::uint64_t at, std::uint64_t end, bool delimited,
                              const Coding& coding, int depth) {
     while (delimited || at < end) {
@@ -296,12 +298,12 @@ std::uint64_t DicomFile::set(std::uint64_t at, std::uint64_t end, bool delimited
             pixels_ = e;
             return end;
         }
-        // Sequences of implicit VR with a length cannot be told from other values: the visitor
-        // knows those that it wants.
+        // With implicit VR, sequences of known length look like other values: the visitor knows
+        // which tags it expects to be sequences.
         const bool sequential = e.vr == "SQ" || e.undefined ||
                                 (e.vr.empty() && visitor_ != nullptr && visitor_->enter(e.tag, -1));
         if (sequential) {
-            // What is UN and of no length is encoded with implicit VR (PS3.5, 6.2.2).
+            // UN with undefined length is encoded with implicit VR (PS3.5, 6.2.2).
             at = sequence(e, end, e.vr == "UN" ? Coding{false, false} : coding, depth + 1);
         } else {
             if (visitor_ != nullptr) {
@@ -315,8 +317,8 @@ std::uint64_t DicomFile::set(std::uint64_t at, std::uint64_t end, bool delimited
 
 std::uint64_t DicomFile::sequence(const DicomElement& of, std::uint64_t end, const Coding& coding,
                                   int depth) {
-    if (depth > kMostDepth) {
-        fail(of.at, fmt::format("sequences lie more than {} deep", kMostDepth));
+    if (depth > kMaxDepth) {
+        fail(of.at, fmt::format("sequences lie more than {} deep", kMaxDepth));
     }
     const Visitor* const visitor = visitor_;
     if (!of.undefined && (visitor == nullptr || !visitor->enter(of.tag, -1))) {
@@ -397,7 +399,7 @@ void DicomFile::read_own_group(std::uint64_t at) {
     syntax_ = syntax_of(uid);
     if (syntax_.deflated) {
         reader_ = std::make_unique<InflatedStart>(
-            first_inflated(bytes(at, std::min(size() - at, kMostBytes))));
+            first_inflated(bytes(at, std::min(size() - at, kMaxBytes))));
         window_.clear();
         window_at_ = start_ = 0;
     }
@@ -412,7 +414,7 @@ DicomElement DicomFile::visit(const Visitor& visitor) {
 }
 
 std::string DicomFile::text(const DicomElement& element) {
-    return without_padding(bytes(element.at, std::min(element.length, kMostText)));
+    return without_padding(bytes(element.at, std::min(element.length, kMaxText)));
 }
 
 void DicomFile::refuse_number(const DicomElement& element, const std::string& text) const {
@@ -435,7 +437,7 @@ double DicomFile::decimal(const DicomElement& element, const std::string& text) 
 
 std::vector<double> DicomFile::numbers(const DicomElement& element) {
     std::vector<double> result;
-    const std::uint64_t length = std::min(element.length, kMostBytes);
+    const std::uint64_t length = std::min(element.length, kMaxBytes);
     const std::string all = bytes(element.at, length);
     const bool big = syntax_.big_endian;
     const auto binary = [&](auto zero) {
@@ -448,7 +450,7 @@ std::vector<double> DicomFile::numbers(const DicomElement& element) {
             result.push_back(value);
         }
     };
-    // With implicit VR the values that are asked for are text but for FD.
+    // With implicit VR, all requested values are text except FD.
     if (element.vr == "FD") {
         binary(double{});
     } else if (element.vr == "FL") {
@@ -498,6 +500,117 @@ std::vector<DicomElement> DicomFile::fragments(const DicomElement& pixels, std::
         result.push_back(item);
         at = item.at + item.length;
     }
+}
+
+namespace {
+
+/// Maximum of tags, and of items per tag; nibabel's limit.
+constexpr std::uint32_t kMaxOfEach = 1000;
+constexpr std::size_t kTagBytes = 84;
+constexpr std::size_t kItemBytes = 16;
+
+/// Reads bytes in order; returns false if there are too few.
+class CsaReader {
+  public:
+    explicit CsaReader(std::string_view bytes) : bytes_(bytes) {}
+    bool skip(std::size_t count) {
+        if (count > bytes_.size() - at_) {
+            return false;
+        }
+        at_ += count;
+        return true;
+    }
+    /// The next `count` bytes; none if there are fewer.
+    std::optional<std::string_view> take(std::size_t count) {
+        const std::size_t from = at_;
+        return skip(count) ? std::optional(bytes_.substr(from, count)) : std::nullopt;
+    }
+
+  private:
+    std::string_view bytes_;
+    std::size_t at_ = 0;
+};
+
+std::string_view until_zero(std::string_view text) {
+    return text.substr(0, text.find('\0'));
+}
+
+std::optional<double> number_of(std::string_view text) {
+    const std::string plain = trimmed(std::string(text));
+    double value = 0;
+    const auto [end, error] = std::from_chars(plain.data(), plain.data() + plain.size(), value);
+    return error == std::errc{} && end == plain.data() + plain.size() && std::isfinite(value)
+               ? std::optional(value)
+               : std::nullopt;
+}
+
+/// The non-empty items of a tag. `first_items`: the number of items of the first tag, by which
+/// lengths are too large in the older format (CSA1). False if there are too few bytes.
+bool read_items(CsaReader& reader, std::int32_t count, bool newer, std::int32_t first_items,
+                std::vector<std::string_view>& items) {
+    for (std::int32_t i = 0; i < count; ++i) {
+        const auto head = reader.take(kItemBytes);
+        if (!head) {
+            return false;
+        }
+        const std::int64_t length =
+            newer ? number_at<std::int32_t>(*head, 4, false)
+                  : std::int64_t{number_at<std::int32_t>(*head, 0, false)} - first_items;
+        const auto value =
+            length < 0 ? std::nullopt : reader.take(static_cast<std::size_t>(length));
+        if (!value) {
+            return !newer;
+        }
+        reader.skip(static_cast<std::size_t>((4 - length % 4) % 4));
+        if (!until_zero(*value).empty()) {
+            items.push_back(until_zero(*value));
+        }
+    }
+    return true;
+}
+
+}  // namespace
+
+std::optional<SiemensMosaic> mosaic_of_csa(std::string_view csa) {
+    CsaReader reader(csa);
+    const bool newer = csa.starts_with("SV10");
+    if (newer) {
+        reader.skip(8);
+    }
+    const auto head = reader.take(8);
+    const std::uint32_t tags = head ? number_at<std::uint32_t>(*head, 0, false) : 0;
+    if (tags == 0 || tags > kMaxOfEach) {
+        return std::nullopt;
+    }
+    SiemensMosaic mosaic;
+    std::int32_t first_items = 0;
+    for (std::uint32_t tag = 0; tag < tags; ++tag) {
+        const auto about = reader.take(kTagBytes);
+        if (!about) {
+            return std::nullopt;
+        }
+        const std::string_view name = until_zero(about->substr(0, 64));
+        const auto count = number_at<std::int32_t>(*about, 76, false);
+        first_items = tag == 0 ? count : first_items;
+        std::vector<std::string_view> items;
+        if (count < 0 || count > static_cast<std::int32_t>(kMaxOfEach) ||
+            !read_items(reader, count, newer, first_items, items)) {
+            return std::nullopt;
+        }
+        if (name == "NumberOfImagesInMosaic" && !items.empty()) {
+            const std::optional<double> images = number_of(items[0]);
+            mosaic.images =
+                images && std::fabs(*images) < 1e6 ? static_cast<std::int64_t>(*images) : 0;
+        } else if (name == "SliceNormalVector" && items.size() == 3) {
+            const auto x = number_of(items[0]);
+            const auto y = number_of(items[1]);
+            const auto z = number_of(items[2]);
+            if (x && y && z) {
+                mosaic.normal = Double3{*x, *y, *z};
+            }
+        }
+    }
+    return mosaic.images > 0 ? std::optional(mosaic) : std::nullopt;
 }
 
 }  // namespace isonest::detail

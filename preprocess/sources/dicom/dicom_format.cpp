@@ -1,27 +1,24 @@
-#include "preprocess/sources/dicom/dicom_format.h"
-
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cstring>
 #include <iterator>
+#include <set>
 #include <string_view>
 #include <utility>
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/file_identity.h"
-#include "preprocess/sources/bytes/natural_order.h"
-#include "preprocess/sources/bytes/regular_file.h"
-#include "preprocess/sources/dicom/dicom_codec.h"
+#include "preprocess/sources/bytes/header_words.h"
+#include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/dicom/dicom_frames.h"
-#include "preprocess/sources/dicom/dicom_place.h"
 #include "preprocess/sources/dicom/dicom_segments.h"
 #include "preprocess/sources/dicom/dicom_series.h"
 #include "preprocess/sources/dicom/dicom_stack.h"
 #include "preprocess/sources/placement/axis_choice.h"
 #include "preprocess/sources/placement/placement.h"
-#include "preprocess/sources/wrapping/mirrored_source.h"
+#include "preprocess/sources/volume_format.h"
+#include "preprocess/sources/wrapping/cropped_source.h"
 #include "preprocess/sources/wrapping/scaled_source.h"
 
 namespace isonest::detail {
@@ -40,12 +37,12 @@ struct SliceVolume {
     std::optional<LengthUnit> unit;
 };
 
-/// The type of values whose slices have scalings of their own.
+/// The type of values if each slice has its own scaling.
 ValueType own_scaled_type(ValueType stored) {
     return size_of(stored) <= 2 || stored == ValueType::f32 ? ValueType::f32 : ValueType::f64;
 }
 
-/// Stored numbers; values as floating point numbers where each slice has a scaling of its own.
+/// Stored numbers; floating point values if each slice has its own scaling.
 class DicomSource : public VolumeSource {
   public:
     DicomSource(std::vector<std::filesystem::path> files, SliceVolume volume, bool own_scalings)
@@ -86,7 +83,8 @@ class DicomSource : public VolumeSource {
         const std::size_t size = size_of(describe().type);
         for (std::int64_t z = z0; z < z0 + nz; ++z, dst += count * size) {
             const DicomSlice& slice = volume_.slices[static_cast<std::size_t>(z)];
-            // Stored numbers lie at the end of the room for the values, which are no smaller.
+            // Stored numbers are read into the end of the space for the values, which are at least
+            // as large.
             const std::size_t stored = size_of(volume_.numbers.value_type());
             std::byte* const from = dst + count * (size - stored);
             frames_.read(slice.file, slice.frame, y0, ny, from);
@@ -125,7 +123,7 @@ class DicomSource : public VolumeSource {
     bool own_scalings_;
 };
 
-/// Calls goes_on(path) for each file in the folder or below it, but for hidden ones, until it is
+/// Calls goes_on(path) for each file in or below the folder, except hidden ones, until it returns
 /// false.
 template <class F>
 std::error_code for_files_below(const std::filesystem::path& folder, const F& goes_on) {
@@ -144,9 +142,9 @@ std::error_code for_files_below(const std::filesystem::path& folder, const F& go
 std::vector<std::filesystem::path> files_below(const std::filesystem::path& folder) {
     std::vector<std::filesystem::path> files;
     const std::error_code error = for_files_below(folder, [&](const std::filesystem::path& file) {
-        if (files.size() >= kMostFolderFiles) {
+        if (files.size() >= kMaxFolderFiles) {
             throw Error(ErrorKind::unsupported, {folder.string()},
-                        fmt::format("more than {} files", kMostFolderFiles));
+                        fmt::format("more than {} files", kMaxFolderFiles));
         }
         files.push_back(file);
         return true;
@@ -159,7 +157,7 @@ std::vector<std::filesystem::path> files_below(const std::filesystem::path& fold
     return files;
 }
 
-/// The files that are looked at.
+/// The files to examine.
 std::vector<std::filesystem::path> files_of(const VolumeInput& input) {
     if (input.folder) {
         return files_below(input.path());
@@ -176,7 +174,7 @@ std::vector<std::filesystem::path> files_of(const VolumeInput& input) {
     return files;
 }
 
-/// Which of the stack's slices the caller wants: the whole of one time.
+/// The slices of the stack that the caller wants: all slices of one time.
 std::vector<DicomSlice> chosen_slices(const DicomStack& stack, const DicomNumbers& numbers,
                                       const std::vector<AxisIndex>& index,
                                       const std::string& name) {
@@ -238,7 +236,7 @@ std::vector<std::string> notes_of(const DicomGroup& series, const DicomStack& st
     return notes;
 }
 
-/// A slope of 0 would make one value of all that is stored.
+/// A slope of 0 would map all stored numbers to one value.
 void check_slopes(const std::vector<DicomSlice>& slices,
                   const std::vector<std::filesystem::path>& files) {
     for (const DicomSlice& slice : slices) {
@@ -247,6 +245,50 @@ void check_slopes(const std::vector<DicomSlice>& slices,
                 ErrorKind::corrupt,
                 {files[slice.file].string(), fmt::format("frame {}, RescaleSlope", slice.frame)},
                 "values that are 0 times the stored number");
+        }
+    }
+}
+
+/// Throws Error{invalid_argument} if `own` has a single slice and the folder contains other slices
+/// of the same stack. Images without positions (projections) and single files are volumes of one
+/// slice.
+void require_no_other_slices(const std::filesystem::path& file, const DicomGroup& own,
+                             std::uint64_t max_heap) {
+    constexpr std::size_t kMaxLookedAt = 10000;
+    if (own.slices.size() != 1 || !own.slices[0].position) {
+        return;
+    }
+    const std::filesystem::path folder = file.parent_path().empty() ? "." : file.parent_path();
+    std::vector<std::filesystem::path> files{file};
+    DicomFolder found;
+    try {
+        for (std::filesystem::path& other : files_in(folder)) {
+            if (files.size() < kMaxLookedAt && other.filename() != file.filename()) {
+                files.push_back(std::move(other));
+            }
+        }
+        found = find_dicom_series(files, max_heap);
+    } catch (const Error&) {
+        return;  // the others are unknown
+    }
+    for (const DicomSeries& series : found.series) {
+        for (const DicomGroup& group : series.groups) {
+            if (std::none_of(group.slices.begin(), group.slices.end(),
+                             [](const DicomSlice& s) { return s.file == 0; })) {
+                continue;  // `file` is in another one
+            }
+            std::set<Double3> places;
+            for (const DicomSlice& slice : group.slices) {
+                if (slice.position) {
+                    places.insert(*slice.position);
+                }
+            }
+            if (places.size() > 1) {
+                throw Error(ErrorKind::invalid_argument, {file.string()},
+                            fmt::format("one slice of {}: give the folder, {}; a crop of it is one "
+                                        "slice",
+                                        places.size(), folder.string()));
+            }
         }
     }
 }
@@ -270,6 +312,9 @@ std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceO
         return open_dicom_segments(series, files, options, std::move(index),
                                    notes_of_left_out(folder, whole_series, series, files), name);
     }
+    if (!input.folder && input.paths.size() == 1 && files.size() == 1) {
+        require_no_other_slices(files[0], series, options.max_heap);
+    }
     const DicomStack stack = stack_slices(series, files, options.spacing.has_value(), name);
     SliceVolume volume;
     volume.numbers = series.numbers;
@@ -288,7 +333,7 @@ std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceO
     volume.frame = placed.frame;
     std::move(placed.notes.begin(), placed.notes.end(), std::back_inserter(volume.notes));
     const std::array<bool, 3> backward = volume.place.backward;
-    // Of the files only those of the volume.
+    // Keep only the files of the volume.
     std::vector<std::filesystem::path> used;
     std::vector<std::uint32_t> number(files.size(), ~std::uint32_t{0});
     for (DicomSlice& slice : volume.slices) {
@@ -331,15 +376,15 @@ std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceO
     return mirrored(std::move(result), backward);
 }
 
-/// Any of the first files of the folder, or below it.
+/// Whether any of the first files in or below the folder is DICOM.
 bool has_dicom(const std::filesystem::path& folder) {
-    constexpr int kMostLookedAt = 200;
+    constexpr int kMaxLookedAt = 200;
     int looked_at = 0;
     bool found = false;
-    // What cannot be searched has none.
+    // A folder that cannot be searched has none.
     static_cast<void>(for_files_below(folder, [&](const std::filesystem::path& file) {
         found = is_dicom_file(file);
-        return !found && ++looked_at < kMostLookedAt;
+        return !found && ++looked_at < kMaxLookedAt;
     }));
     return found;
 }

@@ -3,19 +3,148 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cstdint>
 #include <cstring>
+#include <string_view>
 #include <utility>
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/header_number.h"
-#include "preprocess/sources/dicom/dicom_codec.h"
+#include "preprocess/sources/bytes/header_words.h"
 #include "preprocess/sources/numbers/raw_rows.h"
+
+#if ISONEST_WITH_GDCM
+#include "preprocess/sources/dicom/module/gdcm_module.h"
+#include "preprocess/sources/module_loader.h"
+#else
+
+#endif
 
 namespace isonest::detail {
 namespace {
 
-constexpr std::size_t kMostFragments = 4000000;
+constexpr std::size_t kHeader = 64;
+
+/// Decompresses `count` bytes, written `step` apart; false if the segment has fewer.
+bool unpack_segment(std::string_view segment, std::size_t count, std::size_t step, std::byte* dst) {
+    std::size_t done = 0;
+    std::size_t at = 0;
+    while (done < count) {
+        if (at >= segment.size()) {
+            return false;
+        }
+        const auto control = static_cast<std::int8_t>(segment[at++]);
+        if (control >= 0) {  // control + 1 literal bytes
+            const auto literal = static_cast<std::size_t>(control) + 1;
+            if (literal > segment.size() - at) {
+                return false;
+            }
+            for (std::size_t i = 0; i < std::min(literal, count - done); ++i) {
+                dst[(done + i) * step] = static_cast<std::byte>(segment[at + i]);
+            }
+            at += literal;
+            done += literal;
+        } else if (control != INT8_MIN) {  // repeats the next byte 1 - control times
+            if (at >= segment.size()) {
+                return false;
+            }
+            const auto repeated = static_cast<std::size_t>(1 - control);
+            for (std::size_t i = 0; i < std::min(repeated, count - done); ++i) {
+                dst[(done + i) * step] = static_cast<std::byte>(segment[at]);
+            }
+            ++at;
+            done += repeated;
+        }
+    }
+    return true;
+}
+
+}  // namespace
+
+std::string unpack_dicom_rle(std::span<const char> frame, std::size_t size,
+                             std::span<std::byte> dst) {
+    const std::string_view text(frame.data(), frame.size());
+    if (text.size() < kHeader) {
+        return "the frame ends inside of its list of segments";
+    }
+    const auto segments = number_at<std::uint32_t>(text, 0, false);
+    if (segments != size) {
+        return fmt::format("there are {} segments, numbers have {} bytes", segments, size);
+    }
+    for (std::size_t s = 0; s < size; ++s) {
+        const std::size_t begin = number_at<std::uint32_t>(text, 4 + 4 * s, false);
+        const std::size_t end =
+            s + 1 < size ? number_at<std::uint32_t>(text, 8 + 4 * s, false) : text.size();
+        if (begin < kHeader || begin > end || end > text.size()) {
+            return fmt::format("segment {} lies at bytes {} to {} of {}", s, begin, end,
+                               text.size());
+        }
+        // The most significant byte comes first.
+        if (!unpack_segment(text.substr(begin, end - begin), dst.size() / size, size,
+                            dst.data() + size - 1 - s)) {
+            return fmt::format("segment {} ends too early", s);
+        }
+    }
+    return {};
+}
+
+namespace {
+
+/// Needs no other library.
+bool is_rle(const std::string& syntax) {
+    return syntax == "1.2.840.10008.1.2.5";
+}
+
+std::string unpack_rle(const DicomNumbers& numbers, std::span<const char> frame,
+                       std::span<std::byte> dst) {
+    return unpack_dicom_rle(frame, static_cast<std::size_t>(numbers.allocated / 8), dst);
+}
+
+}  // namespace
+
+#if ISONEST_WITH_GDCM
+
+bool dicom_codec_is_built() {
+    return true;
+}
+
+std::string unpack_dicom_frame(const std::string& syntax, const DicomNumbers& numbers,
+                               std::span<const char> frame, std::span<std::byte> dst,
+                               const std::string& name) {
+    if (is_rle(syntax)) {
+        return unpack_rle(numbers, frame, dst);
+    }
+    static const auto unpack = reinterpret_cast<decltype(&isonest_unpack_dicom)>(
+        load_from_module({"isonest_gdcm.so", "unpacks DICOM's frames of JPEG", "isonest",
+                          "libgdcm-dev libopenjp2-7-dev"},
+                         "isonest_unpack_dicom", name));
+    std::string problem;
+    unpack(syntax, numbers, frame, dst, name, problem);
+    return problem;
+}
+
+#else
+
+bool dicom_codec_is_built() {
+    return false;
+}
+
+std::string unpack_dicom_frame(const std::string& syntax, const DicomNumbers& numbers,
+                               std::span<const char> frame, std::span<std::byte> dst,
+                               const std::string& name) {
+    if (is_rle(syntax)) {
+        return unpack_rle(numbers, frame, dst);
+    }
+    throw Error(ErrorKind::unsupported, {name},
+                fmt::format("the numbers are packed ({}), which this build does not read", syntax),
+                {{RemedyKind::install_package, "libgdcm-dev libopenjp2-7-dev"}});
+}
+
+#endif
+
+namespace {
+
+constexpr std::size_t kMaxFragments = 4000000;
 
 }  // namespace
 
@@ -23,7 +152,7 @@ DicomFrames::DicomFrames(std::vector<std::filesystem::path> files, const DicomNu
     : files_(std::move(files)), numbers_(numbers), stored_(numbers.whole_image()) {}
 
 std::uint64_t DicomFrames::heap() const {
-    // Packed frames are hardly larger than unpacked ones; an unpacker holds numbers of 32 bits.
+    // Compressed frames are hardly larger than decompressed ones; a decoder holds 32-bit numbers.
     return 8 * static_cast<std::uint64_t>(stored_.columns * stored_.rows) +
            4 * stored_.frame_bytes();
 }
@@ -59,12 +188,12 @@ void DicomFrames::open(std::uint32_t file) {
                     fmt::format("single bits that are packed as {} (transfer syntax)",
                                 file_->syntax().uid));
     } else {
-        find_frames(file_->fragments(header_.pixels, kMostFragments));
+        find_frames(file_->fragments(header_.pixels, kMaxFragments));
     }
     current_ = file;
 }
 
-/// PS3.5, A.4: a fragment for each frame, or all for the only one, or as the table of offsets says.
+/// PS3.5, A.4: one fragment per frame, or all fragments for a single frame, or by the offset table.
 void DicomFrames::find_frames(const std::vector<DicomElement>& fragments) {
     const auto frames = static_cast<std::size_t>(images());
     first_.clear();
@@ -88,7 +217,7 @@ void DicomFrames::find_frames(const std::vector<DicomElement>& fragments) {
                                           "says which belong to which",
                                           fragments_.size(), frames));
     }
-    // Offsets are from the first fragment's head on.
+    // Offsets are relative to the first fragment's header.
     for (std::size_t i = 0; i < frames; ++i) {
         const std::uint64_t head =
             table.at + table.length + 8 +
@@ -116,7 +245,7 @@ void DicomFrames::unpack(std::int64_t frame) {
          i < first_[static_cast<std::size_t>(frame) + 1]; ++i) {
         bytes += fragments_[i].length;
     }
-    // What is packed well is smaller; some room for what is not.
+    // Normally compressed frames are smaller; allow for incompressible ones.
     const std::uint64_t most = 2 * stored_.frame_bytes() + 65536;
     if (bytes > most || bytes > 0xFFFFFFFE) {
         file_->fail(header_.pixels.at, fmt::format("frame {} takes {} bytes, unpacked only {}",
@@ -140,7 +269,7 @@ void DicomFrames::unpack(std::int64_t frame) {
     unpacked_frame_ = frame;
 }
 
-/// The stored bits, with their sign, in place of the allocated ones.
+/// Extracts the stored bits, with sign extension, from the allocated ones.
 void DicomFrames::mend_bits(std::byte* data, std::size_t count) const {
     if (numbers_.floating || numbers_.stored == numbers_.allocated) {
         return;
@@ -171,13 +300,13 @@ void DicomFrames::use_table(const std::byte* stored, std::size_t count, std::byt
             const std::int64_t at = static_cast<std::int64_t>(number) - header_.table.first;
             const std::uint16_t value =
                 table[static_cast<std::size_t>(std::clamp<std::int64_t>(at, 0, last))];
-            // Of a value of 8 bits the lower byte, which comes first (little-endian machines).
+            // For 8-bit values, the lower byte, which comes first (little-endian machines).
             std::memcpy(values + i * size, &value, size);
         }
     });
 }
 
-/// Single bits, of each byte the lowest first.
+/// Single bits, lowest bit of each byte first.
 void DicomFrames::read_bits(std::uint64_t first, std::size_t count, std::byte* dst) {
     constexpr std::uint64_t kBits = 8;
     packed_.resize((first + count + kBits - 1) / kBits - first / kBits);
@@ -231,7 +360,8 @@ void DicomFrames::read(std::uint32_t file, std::int64_t frame, std::int64_t y0, 
                        std::byte* dst) {
     open(file);
     const auto count = static_cast<std::size_t>(ny * numbers_.columns);
-    // Stored numbers lie at the end of the room for the values, which are no smaller.
+    // Stored numbers are read into the end of the space for the values, which are at least as
+    // large.
     std::byte* const values = dst;
     dst += count * (size_of(numbers_.value_type()) - size_of(numbers_.type()));
     read_stored(frame, y0, ny, dst);

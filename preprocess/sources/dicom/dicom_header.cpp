@@ -9,9 +9,9 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/header_number.h"
-#include "preprocess/sources/dicom/dicom_csa.h"
-#include "store/base/vector3.h"
+#include "preprocess/sources/bytes/header_words.h"
+#include "preprocess/sources/dicom/dicom_elements.h"
+#include "store/base/vectors.h"
 
 namespace isonest::detail {
 namespace {
@@ -27,17 +27,17 @@ constexpr DicomTag kValueTransformation = 0x00289145;
 constexpr DicomTag kEcho = 0x00189114;
 constexpr DicomTag kDiffusion = 0x00189117;
 constexpr DicomTag kModalityTable = 0x00283000;
-constexpr std::size_t kMostTable = 65536;
+constexpr std::size_t kMaxTable = 65536;
 constexpr DicomTag kSegments = 0x00620002;
 constexpr DicomTag kSegmentOfFrame = 0x0062000A;
-constexpr std::size_t kMostSegments = 65535;
-constexpr std::int64_t kMostFrames = 1000000;
-constexpr std::uint64_t kMostCsa = 1U << 20U;
+constexpr std::size_t kMaxSegments = 65535;
+constexpr std::int64_t kMaxFrames = 1000000;
+constexpr std::uint64_t kMaxCsa = 1U << 20U;
 
 class HeaderVisitor {
   public:
-    HeaderVisitor(DicomFile& file, DicomHeader& header, std::uint64_t most_bytes)
-        : file_(file), header_(header), most_bytes_(most_bytes) {}
+    HeaderVisitor(DicomFile& file, DicomHeader& header, std::uint64_t max_bytes)
+        : file_(file), header_(header), max_bytes_(max_bytes) {}
 
     bool enter(DicomTag sequence, std::int64_t item) {
         const bool groups = sequence == kSharedGroups || sequence == kFrameGroups;
@@ -49,20 +49,21 @@ class HeaderVisitor {
             return wanted;
         }
         if (sequence == kFrameGroups) {
-            if (item >= kMostFrames) {
-                file_.fail(0, fmt::format("more than {} frames", kMostFrames));
+            if (item >= kMaxFrames) {
+                file_.fail(0, fmt::format("more than {} frames", kMaxFrames));
             }
-            // While the list grows it is there twice, the new one with room for as much again.
-            if (3 * sizeof(DicomPlace) * header_.per_frame.size() > most_bytes_) {
+            // While the list grows, old and new storage exist together, the new one with twice the
+            // size.
+            if (3 * sizeof(DicomPlace) * header_.per_frame.size() > max_bytes_) {
                 throw Error(ErrorKind::limit, {file_.name(), "PerFrameFunctionalGroupsSequence"},
                             fmt::format("where more than {} frames lie takes more than {} bytes",
-                                        header_.per_frame.size(), most_bytes_),
+                                        header_.per_frame.size(), max_bytes_),
                             {{RemedyKind::more_memory}});
             }
             header_.per_frame.emplace_back();
         } else if (sequence == kSegments) {
-            if (header_.segmentation.segments.size() >= kMostSegments) {
-                file_.fail(0, fmt::format("more than {} segments", kMostSegments));
+            if (header_.segmentation.segments.size() >= kMaxSegments) {
+                file_.fail(0, fmt::format("more than {} segments", kMaxSegments));
             }
             header_.segmentation.segments.emplace_back();
         } else if (item > 0) {
@@ -73,14 +74,14 @@ class HeaderVisitor {
     }
     void leave(DicomTag /*sequence*/) { path_.pop_back(); }
 
-    /// Makes frames of the slices that a mosaic of Siemens has side by side. Its place is that of a
-    /// single image as large as the mosaic about the same centre (nibabel, dicom_mosaic).
+    /// Divides a Siemens mosaic into frames, one for each slice. The place in the header is that of
+    /// a single image of the mosaic's size with the same centre (nibabel, dicom_mosaic).
     void cut_mosaic() {
         if (!is_mosaic_ || header_.frames != 1 || header_.numbers.mosaic != 1) {
             return;
         }
         const std::optional<SiemensMosaic> mosaic =
-            csa_.tag == 0 || csa_.length > kMostCsa
+            csa_.tag == 0 || csa_.length > kMaxCsa
                 ? std::nullopt
                 : mosaic_of_csa(file_.bytes(csa_.at, csa_.length));
         DicomNumbers& n = header_.numbers;
@@ -94,7 +95,7 @@ class HeaderVisitor {
         }
         const auto side =
             static_cast<std::int64_t>(std::ceil(std::sqrt(static_cast<double>(mosaic->images))));
-        if (n.columns % side != 0 || n.rows % side != 0 || mosaic->images > kMostFrames) {
+        if (n.columns % side != 0 || n.rows % side != 0 || mosaic->images > kMaxFrames) {
             file_.fail(csa_.at, fmt::format("a mosaic of {} slices in {} x {} pixels",
                                             mosaic->images, n.columns, n.rows));
         }
@@ -159,7 +160,7 @@ class HeaderVisitor {
                 break;
         }
     }
-    /// Other character sets than UTF-8 and Latin 1 are left as they are.
+    /// Character sets other than UTF-8 and Latin 1 are kept unchanged.
     [[nodiscard]] std::string utf8(const std::string& text) const {
         if (character_set_ != "ISO_IR 100") {
             return text;
@@ -197,9 +198,9 @@ class HeaderVisitor {
                 break;
         }
     }
-    /// Entries of 8 bits may take a byte or two.
+    /// Entries of 8 bits take one or two bytes.
     void table_values(const DicomElement& e) {
-        const std::size_t count = table_[0] == 0 ? kMostTable : table_[0];
+        const std::size_t count = table_[0] == 0 ? kMaxTable : table_[0];
         const bool big = file_.syntax().big_endian;
         const bool wide = e.length >= 2 * count;
         if (e.length < count || (!wide && table_[2] > 8)) {
@@ -208,7 +209,7 @@ class HeaderVisitor {
         const std::string all = file_.bytes(e.at, wide ? 2 * count : count + count % 2);
         header_.table.values.resize(count);
         for (std::size_t i = 0; i < count; ++i) {
-            // Bytes in words of 16 bits: of each the one that counts less comes first.
+            // Bytes in 16-bit words: the less significant byte of each comes first.
             const std::size_t byte = big && e.vr == "OW" ? i ^ 1U : i;
             header_.table.values[i] = wide ? number_at<std::uint16_t>(all, 2 * i, big)
                                            : static_cast<unsigned char>(all[byte]);
@@ -227,7 +228,7 @@ class HeaderVisitor {
         return value && std::fabs(*value) < 9e15 ? std::optional(static_cast<std::int64_t>(*value))
                                                  : std::nullopt;
     }
-    /// Without values, as an element of type 2 may be, there are none.
+    /// None if the element is empty, as type 2 elements may be.
     template <std::size_t N>
     std::optional<std::array<double, N>> several(const DicomElement& e) {
         const std::vector<double> all = file_.numbers(e);
@@ -283,12 +284,12 @@ class HeaderVisitor {
                 break;
         }
     }
-    /// What only orders images of one place: a text that is no number is none.
+    /// Only used to order images at the same place: text that is not a number is ignored.
     void moment(const DicomElement& e, DicomMoment& moment) {
         struct Part {
             DicomTag tag;
             DicomMomentPart part;
-            const char* vr;  ///< empty: as the element says, or text
+            const char* vr;  ///< empty: the element's own, or text
         };
         constexpr std::array<Part, 9> kParts{{{0x00200100, DicomMomentPart::time, ""},
                                               {0x00209128, DicomMomentPart::time, "UL"},
@@ -316,7 +317,7 @@ class HeaderVisitor {
             }
         }
     }
-    /// Of this VR, also where it is implicit.
+    /// The numbers with this VR, also if the VR is implicit.
     std::vector<double> binary_numbers(const DicomElement& e, const char* vr) {
         DicomElement binary = e;
         binary.vr = vr;
@@ -341,7 +342,7 @@ class HeaderVisitor {
             case 0x0008103E:
                 header_.description = file_.text(e);
                 break;
-            case 0x00181164:  // Imager pixel spacing, where the image has no other.
+            case 0x00181164:  // Imager pixel spacing, for images without another spacing.
                 if (!header_.shared.spacing) {
                     set_spacing(e, header_.shared);
                 }
@@ -414,12 +415,12 @@ class HeaderVisitor {
         }
         return kind;
     }
-    /// Whether one of the texts of an element is `value`.
+    /// Whether one of the values of a text element is `value`.
     bool has_value(const DicomElement& e, std::string_view value) {
         return ("\\" + file_.text(e) + "\\").find(fmt::format("\\{}\\", value)) !=
                std::string::npos;
     }
-    /// Private elements lie in blocks, whose first element says whose it is.
+    /// Private elements are in blocks; the first element of a block names its owner.
     void private_header(const DicomElement& e) {
         if (e.tag >> 16U != 0x0029) {
             return;
@@ -434,17 +435,18 @@ class HeaderVisitor {
 
     DicomFile& file_;
     DicomHeader& header_;
-    std::uint64_t most_bytes_;
+    std::uint64_t max_bytes_;
     std::vector<DicomTag> path_;
-    std::array<std::uint16_t, 3> table_{};  ///< its entries, the first number, bits of a value
+    /// Number of entries, first stored number, bits per value.
+    std::array<std::uint16_t, 3> table_{};
     std::string character_set_;
-    bool is_mosaic_ = false;  ///< ImageType says so
+    bool is_mosaic_ = false;  ///< according to ImageType
     DicomTag csa_block_ = 0;
     DicomElement csa_;
 };
 
 /// Whether objects of this SOP class always have pixels (PS3.3, A.3 and following; PS3.6, A):
-/// slices of CT, MR and PET, and what else may hold a volume. A dose need not have them.
+/// slices of CT, MR and PET, and others that may hold a volume. A dose may lack them.
 bool is_image_class(std::string_view uid) {
     constexpr std::string_view kStorage = "1.2.840.10008.5.1.4.1.1.";
     constexpr std::array<std::string_view, 24> kImages{
@@ -455,8 +457,8 @@ bool is_image_class(std::string_view uid) {
            std::find(kImages.begin(), kImages.end(), uid.substr(kStorage.size())) != kImages.end();
 }
 
-/// Nuclear medicine has the place of a reconstruction, which has a spacing between slices, with its
-/// detector (PS3.3, C.8.4.11 and C.8.4.15).
+/// In nuclear medicine, the place of a reconstruction, which has a spacing between slices, is given
+/// with its detector (PS3.3, C.8.4.11 and C.8.4.15).
 void use_detector(DicomHeader& header) {
     DicomPlace& place = header.shared;
     if (place.step && !place.position && !place.orientation && header.per_frame.empty()) {
@@ -474,7 +476,7 @@ void check(const DicomFile& file, DicomHeader& header) {
     if (n.rows < 1 || n.columns < 1) {
         refuse(ErrorKind::corrupt, "Rows, Columns", "an image without rows or columns");
     }
-    if (header.frames < 1 || header.frames > kMostFrames) {
+    if (header.frames < 1 || header.frames > kMaxFrames) {
         refuse(ErrorKind::corrupt, "NumberOfFrames", fmt::format("{} frames", header.frames));
     }
     if (n.samples != 1 || header.photometric == "PALETTE COLOR") {
@@ -551,8 +553,8 @@ std::string DicomNumbers::text() const {
     return fmt::format("{} x {} of {}{} bits", columns, rows, is_signed ? "signed " : "", stored);
 }
 
-void read_dicom_header(DicomFile& file, std::uint64_t most_bytes, DicomHeader& header) {
-    HeaderVisitor visitor(file, header, most_bytes);
+void read_dicom_header(DicomFile& file, std::uint64_t max_bytes, DicomHeader& header) {
+    HeaderVisitor visitor(file, header, max_bytes);
     const DicomFile::Visitor visit{
         .value = [&](const DicomElement& e) { visitor.value(e); },
         .enter = [&](DicomTag sequence,
@@ -562,7 +564,7 @@ void read_dicom_header(DicomFile& file, std::uint64_t most_bytes, DicomHeader& h
         try {
             file.visit(visit);
         } catch (const Error& error) {
-            // What is seen of it ends somewhere.
+            // Only the first elements are available, so the data end early.
             if (error.kind() != ErrorKind::corrupt) {
                 throw;
             }

@@ -11,20 +11,19 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/file_identity.h"
+#include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/dicom/dicom_frames.h"
-#include "preprocess/sources/dicom/dicom_place.h"
-#include "preprocess/sources/label_names/found_labels.h"
+#include "preprocess/sources/dicom/dicom_stack.h"
 #include "preprocess/sources/placement/axis_choice.h"
-#include "preprocess/sources/wrapping/mirrored_source.h"
-#include "preprocess/sources/wrapping/named_labels_source.h"
+#include "preprocess/sources/wrapping/cropped_source.h"
+#include "preprocess/sources/wrapping/label_names.h"
 
 namespace isonest::detail {
 namespace {
 
 using Kind = DicomSegmentation::Kind;
 
-/// A frame on the grid.
+/// A frame with its plane on the grid.
 struct SegmentFrame {
     std::int64_t z = 0;
     std::uint32_t frame = 0;
@@ -36,7 +35,7 @@ struct SegmentVolume {
     Kind kind = Kind::binary;
     double most = 1;
     std::vector<SegmentFrame> frames;  ///< by z, then by segment
-    std::optional<std::int64_t> only;  ///< the segment that is taken
+    std::optional<std::int64_t> only;  ///< the selected segment
     std::vector<DicomSegment> segments;
     ValueType type = ValueType::u8;
     Int3 nodes;
@@ -142,24 +141,24 @@ class SegmentSource : public VolumeSource {
 
 /// "1 \"Liver\", 2 \"Spleen\""
 std::string text_of(const std::vector<DicomSegment>& segments) {
-    constexpr std::size_t kMost = 12;
+    constexpr std::size_t kMax = 12;
     std::string text;
-    for (std::size_t i = 0; i < segments.size() && i < kMost; ++i) {
+    for (std::size_t i = 0; i < segments.size() && i < kMax; ++i) {
         text +=
             fmt::format("{}{} \"{}\"", i == 0 ? "" : ", ", segments[i].number, segments[i].label);
     }
-    return segments.size() > kMost ? text + ", ..." : text;
+    return segments.size() > kMax ? text + ", ..." : text;
 }
 
 double along_normal(const Double3& normal, const Double3& v) {
     return normal[0] * v[0] + normal[1] * v[1] + normal[2] * v[2];
 }
 
-/// The distance of the grid's planes: the file's, if all places lie on planes of it, else the
-/// smallest gap. `places` rise. Throws Error{unsupported} where that is none either.
+/// The distance of the grid's planes: that of the file if all places lie on its planes, otherwise
+/// the smallest gap. `places` are in ascending order. Throws Error{unsupported} if neither works.
 double grid_step(const std::vector<double>& places, const std::optional<double>& between,
                  const std::string& name) {
-    constexpr double kMostShift = 0.1;  // of a step
+    constexpr double kMaxShift = 0.1;  // of a step
     if (places.size() < 2) {
         return between.value_or(1);
     }
@@ -174,9 +173,9 @@ double grid_step(const std::vector<double>& places, const std::optional<double>&
         const bool even =
             planes >= 1 && std::all_of(places.begin(), places.end(), [&](double place) {
                 const double at = (place - places.front()) / step;
-                return std::fabs(at - std::round(at)) < kMostShift;
+                return std::fabs(at - std::round(at)) < kMaxShift;
             });
-        if (even && least > (1 - 2 * kMostShift) * step) {
+        if (even && least > (1 - 2 * kMaxShift) * step) {
             return step;
         }
     }
@@ -186,7 +185,7 @@ double grid_step(const std::vector<double>& places, const std::optional<double>&
                             least));
 }
 
-/// Frames on planes of a grid. Returns the stack's place; its slices stay empty.
+/// Assigns frames to the planes of a grid. Returns the stack's place; its slices stay empty.
 DicomStack on_grid(const DicomGroup& group, SegmentVolume& volume) {
     const auto refuse = [&](const std::string& problem) {
         throw Error(ErrorKind::unsupported, {volume.name}, problem);
@@ -209,7 +208,7 @@ DicomStack on_grid(const DicomGroup& group, SegmentVolume& volume) {
     }
     const double pixel = std::min((*group.spacing)[0], (*group.spacing)[1]);
     constexpr double kSamePlane = 1e-3;  // of a pixel
-    constexpr double kMostAside = 0.1;
+    constexpr double kMaxAside = 0.1;
     std::vector<DicomSlice> slices = group.slices;
     std::stable_sort(slices.begin(), slices.end(), [&](const DicomSlice& a, const DicomSlice& b) {
         return along_normal(normal, *a.position) < along_normal(normal, *b.position);
@@ -224,8 +223,8 @@ DicomStack on_grid(const DicomGroup& group, SegmentVolume& volume) {
     const double step = grid_step(
         places, places.size() < 2 && !group.between ? group.step : group.between, volume.name);
     const double planes = std::round((places.back() - places.front()) / step) + 1;
-    constexpr double kMostPlanes = 1 << 20U;
-    if (!(planes <= kMostPlanes)) {
+    constexpr double kMaxPlanes = 1 << 20U;
+    if (!(planes <= kMaxPlanes)) {
         refuse(fmt::format("the frames of the segmentation lie on {:.0f} planes", planes));
     }
     DicomStack stack;
@@ -252,7 +251,7 @@ DicomStack on_grid(const DicomGroup& group, SegmentVolume& volume) {
         const double forth = along_normal(normal, aside);
         const double shift = std::hypot(aside[0] - forth * normal[0], aside[1] - forth * normal[1],
                                         aside[2] - forth * normal[2]);
-        if (shift > kMostAside * pixel) {
+        if (shift > kMaxAside * pixel) {
             refuse(fmt::format("frame {} of the segmentation lies {:.3g} beside the others",
                                slice.frame + 1, shift));
         }
@@ -265,7 +264,7 @@ DicomStack on_grid(const DicomGroup& group, SegmentVolume& volume) {
     return stack;
 }
 
-/// Sets which segment is taken, and the type of the values.
+/// Sets the selected segment, and the type of the values.
 void choose_segment(const DicomSegmentation& about, std::optional<std::int64_t> chosen,
                     SegmentVolume& volume) {
     const auto refuse = [&](ErrorKind kind, const std::string& problem) {
@@ -307,9 +306,9 @@ void choose_segment(const DicomSegmentation& about, std::optional<std::int64_t> 
                           [&](const SegmentFrame& frame) { return frame.segment != *chosen; });
         }
     }
-    constexpr std::int64_t kMostU8 = 255;
+    constexpr std::int64_t kMaxU8 = 255;
     const bool small = std::all_of(volume.segments.begin(), volume.segments.end(),
-                                   [&](const DicomSegment& s) { return s.number <= kMostU8; });
+                                   [&](const DicomSegment& s) { return s.number <= kMaxU8; });
     volume.type = volume.kind == Kind::fractional  ? ValueType::f32
                   : volume.kind == Kind::label_map ? volume.numbers.type()
                   : small                          ? ValueType::u8
@@ -360,7 +359,7 @@ LabelColor color_of_lab(const std::array<std::uint16_t, 3>& lab) {
     };
     const std::array<double, 3> xyz{0.96422 * cube(fy + a / 500), cube(fy),
                                     0.82521 * cube(fy - b / 200)};
-    // XYZ about D50 to linear sRGB, by Bradford's adaptation (http://www.brucelindbloom.com).
+    // XYZ (D50) to linear sRGB, with Bradford's adaptation (http://www.brucelindbloom.com).
     constexpr std::array<std::array<double, 3>, 3> kToRgb{{{3.1338561, -1.6168667, -0.4906146},
                                                            {-0.9787684, 1.9161415, 0.0334540},
                                                            {0.0719453, -0.2289914, 1.4052427}}};

@@ -12,11 +12,12 @@
 namespace isonest::detail {
 namespace {
 
-/// Directions and spacings within this are the same: less than a tenth of a voxel over a thousand.
-constexpr double kMostDifference = 1e-4;
-/// What may be held for the slices whatever the memory is: of 90,000 of them.
+/// Tolerance for equal directions and spacings: less than a tenth of a voxel over a thousand
+/// voxels.
+constexpr double kMaxDifference = 1e-4;
+/// Bytes for slices that are always allowed, whatever the memory budget: enough for 90,000 of them.
 constexpr std::uint64_t kSomeHeap = std::uint64_t{32} << 20U;
-/// A list that grows is there twice, and so is one that is put in order.
+/// A list that grows or is sorted exists twice for a moment.
 constexpr std::uint64_t kBytesOfSlice = 3 * sizeof(DicomSlice);
 
 template <class T>
@@ -51,8 +52,8 @@ std::optional<double> step_of(const DicomPlace& place) {
     return step && *step != 0 ? std::optional(std::fabs(*step)) : std::nullopt;
 }
 
-/// Where frames have no positions of their own: along the normal, as the offsets of a dose, or a
-/// step between slices say.
+/// The position of a frame. Frames without their own are placed along the normal by the offsets of
+/// a dose or by a step between slices.
 std::optional<Double3> position_of(const DicomHeader& header, const DicomPlace& place,
                                    std::size_t frame) {
     const bool own = !header.per_frame.empty() && header.per_frame[frame].position.has_value();
@@ -63,7 +64,7 @@ std::optional<Double3> position_of(const DicomHeader& header, const DicomPlace& 
     if (static_cast<std::int64_t>(header.grid_offsets.size()) == header.frames) {
         along = header.grid_offsets[frame] - header.grid_offsets[0];
     } else if (const std::optional<double> step = step_of(place)) {
-        // Spacing between slices has a sign: frames may lie in front of the first one (PS3.3,
+        // The spacing between slices has a sign: frames may lie in front of the first one (PS3.3,
         // C.8.4.15).
         const double slices =
             static_cast<std::int64_t>(header.slice_numbers.size()) == header.frames
@@ -101,7 +102,7 @@ bool same(const std::optional<std::array<Double3, 2>>& a,
             most = std::max(most, std::fabs(a->at(i).at(k) - b->at(i).at(k)));
         }
     }
-    return most <= kMostDifference;
+    return most <= kMaxDifference;
 }
 
 bool same(const std::optional<std::array<double, 2>>& a,
@@ -109,11 +110,11 @@ bool same(const std::optional<std::array<double, 2>>& a,
     if (!a || !b) {
         return a.has_value() == b.has_value();
     }
-    return std::fabs((*a)[0] - (*b)[0]) <= kMostDifference * (*a)[0] &&
-           std::fabs((*a)[1] - (*b)[1]) <= kMostDifference * (*a)[1];
+    return std::fabs((*a)[0] - (*b)[0]) <= kMaxDifference * (*a)[0] &&
+           std::fabs((*a)[1] - (*b)[1]) <= kMaxDifference * (*a)[1];
 }
 
-/// What `b` has otherwise than `a`, which is called `name`; nothing if they are alike.
+/// How `b` differs from `a`, which is called `name`; empty if they are alike.
 std::string difference_of(const DicomGroup& a, const DicomGroup& b, const std::string& name) {
     if (b.numbers != a.numbers) {
         return fmt::format("has {}, {} has {}", b.numbers.text(), name, a.numbers.text());
@@ -134,15 +135,15 @@ std::string difference_of(const DicomGroup& a, const DicomGroup& b, const std::s
     return {};
 }
 
-/// The group of the series that such an image belongs to; null if there would be too many.
+/// The group of the series for such an image; null if there would be too many groups.
 DicomGroup* group_of(const DicomGroup& image, DicomSeries& series) {
-    constexpr std::size_t kMostGroups = 100;
+    constexpr std::size_t kMaxGroups = 100;
     for (DicomGroup& group : series.groups) {
         if (difference_of(group, image, "").empty()) {
             return &group;
         }
     }
-    return series.groups.size() < kMostGroups ? &series.groups.emplace_back(image) : nullptr;
+    return series.groups.size() < kMaxGroups ? &series.groups.emplace_back(image) : nullptr;
 }
 
 void refuse_file(DicomRefused& refused, const Error& error) {
@@ -198,7 +199,7 @@ void add_frames(const DicomHeader& header, std::uint32_t file, const std::string
     }
 }
 
-/// "6 of 512 x 512 of 16 bits", and what is not read of it.
+/// "6 of 512 x 512 of 16 bits", and what of the series is not read.
 std::string text_of(const DicomSeries& s) {
     std::string text = fmt::format("{}  {} \"{}\"", s.uid, s.modality, s.description);
     for (const DicomGroup& group : s.groups) {
@@ -214,23 +215,23 @@ std::string text_of(const DicomSeries& s) {
 
 std::string text_of(const std::vector<DicomSeries>& series) {
     std::string text;
-    constexpr std::size_t kMost = 50;
-    for (std::size_t i = 0; i < series.size() && i < kMost; ++i) {
+    constexpr std::size_t kMax = 50;
+    for (std::size_t i = 0; i < series.size() && i < kMax; ++i) {
         text += "\n  " + text_of(series[i]);
     }
-    if (series.size() > kMost) {
-        text += fmt::format("\n  and {} more", series.size() - kMost);
+    if (series.size() > kMax) {
+        text += fmt::format("\n  and {} more", series.size() - kMax);
     }
     return text;
 }
 
-/// The groups of a series as its user can choose them.
+/// The groups of a series, as the user can choose them.
 std::string text_of_groups(const DicomSeries& series,
                            const std::vector<std::filesystem::path>& files) {
-    constexpr std::size_t kMost = 20;
+    constexpr std::size_t kMax = 20;
     const auto& groups = series.groups;
     std::string text;
-    for (std::size_t i = 0; i < groups.size() && i < kMost; ++i) {
+    for (std::size_t i = 0; i < groups.size() && i < kMax; ++i) {
         const DicomGroup& group = groups[i];
         text += fmt::format("\n  stack={}: {} of {}", i, group.slices.size(), group.numbers.text());
         if (i > 0) {
@@ -241,8 +242,8 @@ std::string text_of_groups(const DicomSeries& series,
                                 difference_of(groups[0], group, "stack 0"));
         }
     }
-    if (groups.size() > kMost) {
-        text += fmt::format("\n  and {} more", groups.size() - kMost);
+    if (groups.size() > kMax) {
+        text += fmt::format("\n  and {} more", groups.size() - kMax);
     }
     return text;
 }
@@ -252,7 +253,7 @@ std::string left_out(std::int64_t count, const char* what) {
     return fmt::format("{} {}{} left out", count, what, count == 1 ? " is" : "s are");
 }
 
-/// The entry of a series in the folder.
+/// The entry of a series in the folder; added if it is new.
 DicomSeries& series_of(const DicomHeader& header, DicomFolder& folder,
                        std::map<std::string, std::size_t>& known) {
     const auto [found, is_new] = known.try_emplace(header.series, folder.series.size());
@@ -265,13 +266,13 @@ DicomSeries& series_of(const DicomHeader& header, DicomFolder& folder,
     return folder.series[found->second];
 }
 
-/// Reads a header. Where the file cannot be read but says which series it is of, this goes to the
-/// series, and the result is false.
-bool read_member(const std::filesystem::path& path, std::uint64_t most_bytes, DicomFolder& folder,
+/// Reads a header. If the file cannot be read but its series is known, records the error there and
+/// returns false.
+bool read_member(const std::filesystem::path& path, std::uint64_t max_bytes, DicomFolder& folder,
                  std::map<std::string, std::size_t>& known, DicomHeader& header) {
     try {
         DicomFile file(path);
-        read_dicom_header(file, most_bytes, header);
+        read_dicom_header(file, max_bytes, header);
         return true;
     } catch (const Error& error) {
         const bool unsupported = error.kind() == ErrorKind::unsupported;
@@ -288,18 +289,18 @@ bool read_member(const std::filesystem::path& path, std::uint64_t most_bytes, Di
 
 DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files,
                               std::uint64_t max_heap) {
-    const std::uint64_t most_bytes = std::max(max_heap, kSomeHeap);
+    const std::uint64_t max_bytes = std::max(max_heap, kSomeHeap);
     DicomFolder folder;
     std::map<std::string, std::size_t> known;
     std::size_t slices = 0;
     for (std::size_t i = 0; i < files.size(); ++i) {
-        // A damaged file is an error: left out, it would make a series shorter without a word.
+        // A damaged file is an error: ignoring it would silently shorten a series.
         if (!is_dicom_file(files[i]) && !was_dicom_file(files[i])) {
             ++folder.others;
             continue;
         }
         DicomHeader header;
-        if (!read_member(files[i], most_bytes, folder, known, header)) {
+        if (!read_member(files[i], max_bytes, folder, known, header)) {
             continue;
         }
         if (header.pixels.tag == 0) {
@@ -307,14 +308,14 @@ DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files,
             continue;
         }
         slices += static_cast<std::size_t>(header.frames);
-        if (slices > kMostDicomSlices) {
+        if (slices > kMaxDicomSlices) {
             throw Error(ErrorKind::limit, {files[i].string()},
-                        fmt::format("there are more than {} slices", kMostDicomSlices));
+                        fmt::format("there are more than {} slices", kMaxDicomSlices));
         }
-        if (slices * kBytesOfSlice > most_bytes) {
+        if (slices * kBytesOfSlice > max_bytes) {
             throw Error(ErrorKind::limit, {files[i].string()},
                         fmt::format("what is kept of {} slices takes more than {} bytes", slices,
-                                    most_bytes),
+                                    max_bytes),
                         {{RemedyKind::more_memory}});
         }
         add_frames(header, static_cast<std::uint32_t>(i), files[i].string(),
@@ -471,14 +472,14 @@ std::vector<std::string> notes_of_left_out(const DicomFolder& folder, const Dico
                 difference_of(chosen, group, "the chosen stack")));
         }
     }
-    constexpr std::size_t kMost = 5;
+    constexpr std::size_t kMax = 5;
     for (std::size_t i = 0, listed = 0; i < folder.series.size(); ++i) {
         if (&folder.series[i] == &series) {
             continue;
         }
-        if (++listed > kMost) {
+        if (++listed > kMax) {
             notes.push_back(
-                fmt::format("{} more series are left out", folder.series.size() - 1 - kMost));
+                fmt::format("{} more series are left out", folder.series.size() - 1 - kMax));
             break;
         }
         notes.push_back("another series is left out: " + text_of(folder.series[i]));

@@ -3,25 +3,97 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
+#include <numbers>
 #include <string_view>
 #include <tuple>
 
 #include <isonest/error.h>
 
+#include "store/base/vectors.h"
+
 namespace isonest::detail {
 namespace {
 
-constexpr double kMostShift = 0.1;   ///< of a voxel
-constexpr double kSamePlace = 1e-3;  ///< of a pixel
-constexpr std::size_t kMostListed = 10;
+Double3 minus(const Double3& a, const Double3& b) {
+    return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+}
+
+/// The effect of a tilted gantry on a stack.
+struct DicomTilt {
+    /// Between the direction from slice to slice and the normal of the slices.
+    double degrees = 0;
+    double distance = 0;  ///< of neighbouring slices along the normal
+    double shift = 0;     ///< of the last slice relative to the first, in their planes
+};
+
+DicomTilt tilt_of(const DicomStack& stack) {
+    const Double3& step = stack.steps[2];
+    const Double3& n = stack.normal;
+    DicomTilt tilt;
+    tilt.distance = step[0] * n[0] + step[1] * n[1] + step[2] * n[2];
+    const Double3 aside =
+        minus(step, {n[0] * tilt.distance, n[1] * tilt.distance, n[2] * tilt.distance});
+    const double shift = std::hypot(aside[0], aside[1], aside[2]);
+    constexpr double kDegrees = 180 / std::numbers::pi;
+    tilt.degrees = std::atan2(shift, std::fabs(tilt.distance)) * kDegrees;
+    tilt.shift = shift * static_cast<double>(stack.count - 1);
+    return tilt;
+}
+
+}  // namespace
+
+PlacedStack place_stack(const Int3& nodes, const DicomStack& stack, bool spaced,
+                        const std::string& name) {
+    PlacedStack result;
+    const DicomTilt tilt = stack.placed ? tilt_of(stack) : DicomTilt{};
+    const Double3 spacing{std::hypot(stack.steps[0][0], stack.steps[0][1], stack.steps[0][2]),
+                          std::hypot(stack.steps[1][0], stack.steps[1][1], stack.steps[1][2]),
+                          std::fabs(tilt.distance)};
+    constexpr double kMaxShift = 0.1;  // in voxels, as in place_in_world()
+    const bool tilted =
+        stack.placed && tilt.shift >= kMaxShift * std::min({spacing[0], spacing[1], spacing[2]});
+    result.frame = stack.placed ? AnatomicalFrame::lps : AnatomicalFrame::unknown;
+    if (!(spaced && tilted)) {
+        try {
+            result.place = place_in_world(nodes, stack.steps, stack.first, name);
+            return result;
+        } catch (const Error&) {
+            if (!spaced) {
+                throw;
+            }
+        }
+    }
+    // The axes are treated as the world's, which is only correct for the patient if they already
+    // were.
+    result.place.origin = stack.first;
+    const std::array<Double3, 3> axes{stack.steps[0], stack.steps[1], stack.normal};
+    for (std::size_t a = 0; a < 3; ++a) {
+        const Double3& v = axes.at(a);
+        if (!(v.at(a) > (1 - 1e-6) * std::hypot(v[0], v[1], v[2]))) {
+            result.frame = AnatomicalFrame::unknown;
+        }
+    }
+    if (tilted) {
+        result.notes.push_back(fmt::format(
+            "the tilt of its slices by {:.1f} degrees is dropped{}, so that the last slice lies "
+            "{:.4g} beside its place; the file's spacing is {:.6g},{:.6g},{:.6g}",
+            tilt.degrees,
+            result.frame == AnatomicalFrame::lps ? "" : ", and so are the directions of its axes",
+            tilt.shift, spacing[0], spacing[1], spacing[2]));
+    }
+    return result;
+}
+
+namespace {
+
+constexpr double kMaxShift = 0.1;    ///< in voxels
+constexpr double kSamePlace = 1e-3;  ///< in pixels
+constexpr std::size_t kMaxListed = 10;
 
 using Slices = std::vector<DicomSlice>;
-
-double dot_of(const Double3& a, const Double3& b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 class Stacking {
   public:
@@ -55,14 +127,14 @@ class Stacking {
         return frames ? fmt::format("{} (frame {})", file, slice.frame + 1) : file;
     }
     [[nodiscard]] double along(const DicomSlice& slice) const {
-        return dot_of(*slice.position, normal_);
+        return dot(*slice.position, normal_);
     }
 
     void by_position() {
         const auto& [row, column] = *series_.orientation;
         normal_ = {row[1] * column[2] - row[2] * column[1], row[2] * column[0] - row[0] * column[2],
                    row[0] * column[1] - row[1] * column[0]};
-        const double length = std::sqrt(dot_of(normal_, normal_));
+        const double length = std::sqrt(dot(normal_, normal_));
         if (!(length > 0.5)) {
             refuse("rows and columns run in one direction (ImageOrientationPatient)");
         }
@@ -96,7 +168,8 @@ class Stacking {
                 starts.push_back(i);
             }
         }
-        std::map<std::size_t, std::size_t> sizes;  // how many places have so many images
+        // For each number of images, at how many places it occurs.
+        std::map<std::size_t, std::size_t> sizes;
         const auto size_at = [&](std::size_t g) {
             return (g + 1 < starts.size() ? starts[g + 1] : s.size()) - starts[g];
         };
@@ -150,8 +223,8 @@ class Stacking {
         s = std::move(sorted);
     }
 
-    /// Of what may tell the images of a place apart: the time, and what has the same values at all
-    /// places. Where the number of images differs, that is an error of its own.
+    /// The parts that can distinguish the images at a place: the time, and those with the same
+    /// values at all places. If the number of images differs, that is reported separately.
     [[nodiscard]] std::vector<std::size_t> ordering_parts(const std::vector<std::size_t>& starts,
                                                           std::size_t times) const {
         const Slices& s = stack_.slices;
@@ -177,12 +250,12 @@ class Stacking {
         return parts;
     }
 
-    /// What the slices of the first place, which are in order, have: "echo 1, 2, 3".
+    /// The values of the slices at the first place, which are sorted: "echo 1, 2, 3".
     [[nodiscard]] std::string text_of_times(const std::vector<std::size_t>& parts,
                                             std::size_t times) const {
         constexpr std::array<std::string_view, kDicomMomentParts> kNames{
             "temporal position", "acquisition", "b value", "trigger time", "echo"};
-        constexpr std::size_t kMost = 8;
+        constexpr std::size_t kMax = 8;
         std::string text;
         for (const std::size_t part : parts) {
             const auto value = [&](std::size_t i) { return stack_.slices[i].moment.at(part); };
@@ -190,19 +263,19 @@ class Stacking {
             std::string values;
             for (std::size_t i = 0; i < times; ++i) {
                 differ = differ || value(i) != value(0);
-                if (i < kMost) {
+                if (i < kMax) {
                     values += fmt::format("{}{:g}", i == 0 ? "" : ", ", value(i));
                 }
             }
             if (differ) {
                 text += fmt::format("{}{} {}{}", text.empty() ? "" : "; ", kNames.at(part), values,
-                                    times > kMost ? ", ..." : "");
+                                    times > kMax ? ", ..." : "");
             }
         }
         return text.empty() ? "the order of their numbers" : text;
     }
 
-    /// Images of one place along the normal may lie beside each other: tiles, or a patient who
+    /// Images at one position along the normal may lie beside each other: tiles, or a patient who
     /// moved.
     void check_times(const std::vector<std::size_t>& starts, std::size_t times) {
         const Slices& s = stack_.slices;
@@ -211,7 +284,7 @@ class Stacking {
                 const Double3& a = *s[start].position;
                 const Double3& b = *s[i].position;
                 const double aside = std::hypot(b[0] - a[0], b[1] - a[1], b[2] - a[2]);
-                if (aside > kMostShift * std::min((*series_.spacing)[0], (*series_.spacing)[1])) {
+                if (aside > kMaxShift * std::min((*series_.spacing)[0], (*series_.spacing)[1])) {
                     report(fmt::format("{} lies {:.3g} beside {}, in the same plane", text(s[i]),
                                        aside, text(s[start])));
                     return;
@@ -238,7 +311,7 @@ class Stacking {
         std::vector<std::string> uneven;
         for (std::size_t i = 0; i < gaps.size(); ++i) {
             const double more = std::round(gaps[i] / usual) - 1;
-            if (std::fabs(gaps[i] - (more + 1) * usual) > 2 * kMostShift * usual || more < 0) {
+            if (std::fabs(gaps[i] - (more + 1) * usual) > 2 * kMaxShift * usual || more < 0) {
                 uneven.push_back(
                     fmt::format("{:.6g} from {} to {}", gaps[i], text(s[i]), text(s[i + 1])));
             } else if (more > 0) {
@@ -255,20 +328,20 @@ class Stacking {
                                               usual, list(uneven)));
     }
 
-    /// Small differences add up.
+    /// Checks the sum of small differences.
     void check_line() {
         const Double3& step = stack_.steps[2];
-        const double length = std::sqrt(dot_of(step, step));
+        const double length = std::sqrt(dot(step, step));
         for (std::size_t i = 0; i < static_cast<std::size_t>(stack_.count); ++i) {
             Double3 beside = *stack_.slices[i].position;
             for (std::size_t a = 0; a < 3; ++a) {
                 beside.at(a) -= stack_.first.at(a) + static_cast<double>(i) * step.at(a);
             }
-            const double shift = std::sqrt(dot_of(beside, beside));
-            const double forth = std::fabs(dot_of(beside, normal_));
+            const double shift = std::sqrt(dot(beside, beside));
+            const double forth = std::fabs(dot(beside, normal_));
             const double aside = std::sqrt(std::max(shift * shift - forth * forth, 0.0));
-            if (forth > kMostShift * length ||
-                aside > kMostShift * std::min((*series_.spacing)[0], (*series_.spacing)[1])) {
+            if (forth > kMaxShift * length ||
+                aside > kMaxShift * std::min((*series_.spacing)[0], (*series_.spacing)[1])) {
                 report(
                     fmt::format("{} lies {:.3g} beside its place between the first and the last "
                                 "slice",
@@ -316,11 +389,11 @@ class Stacking {
 
     static std::string list(const std::vector<std::string>& places) {
         std::string text;
-        for (std::size_t i = 0; i < places.size() && i < kMostListed; ++i) {
+        for (std::size_t i = 0; i < places.size() && i < kMaxListed; ++i) {
             text += "\n  " + places[i];
         }
-        if (places.size() > kMostListed) {
-            text += fmt::format("\n  and {} more", places.size() - kMostListed);
+        if (places.size() > kMaxListed) {
+            text += fmt::format("\n  and {} more", places.size() - kMaxListed);
         }
         return text;
     }

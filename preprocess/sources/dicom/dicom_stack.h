@@ -1,5 +1,5 @@
-// The slices of a DICOM series in the order in which they lie in the world (PS3.3, C.7.6.2.1.1: the
-// position and the directions of an image).
+// The slices of a DICOM series in the order of their positions in the world (PS3.3, C.7.6.2.1.1:
+// the position and the directions of an image).
 #pragma once
 
 #include <array>
@@ -8,35 +8,49 @@
 #include <string>
 #include <vector>
 
+#include <isonest/frame.h>
 #include <isonest/int3.h>
 
 #include "preprocess/sources/dicom/dicom_series.h"
+#include "preprocess/sources/placement/placement.h"
 
 namespace isonest::detail {
 
 struct DicomStack {
-    std::int64_t times = 1;  ///< images at each place
-    std::int64_t count = 1;  ///< places
+    std::int64_t times = 1;  ///< number of images at each place
+    std::int64_t count = 1;  ///< number of places
     /// All places of the first time, then of the next.
     std::vector<DicomSlice> slices = {};
-    std::array<Double3, 3> steps =
-        {};  ///< the world's along a row, a column, and to the next slice
+    std::array<Double3, 3> steps = {};  ///< in the world: along a row, a column, to the next slice
     Double3 first{0, 0, 0};
-    Double3 normal{0, 0, 0};  ///< of the slices' planes; none if images do not say where they lie
-    bool placed = false;      ///< they do: the steps and the first place are the patient's
-    std::string times_are = {};  ///< what tells images of one place apart, for the user
-    /// What was not as it should be, for the user.
+    Double3 normal{0, 0, 0};  ///< of the slices' planes; zero if images have no positions
+    /// Images have positions: the steps and the first place are in patient coordinates.
+    bool placed = false;
+    std::string times_are = {};  ///< what distinguishes images at one place, for the user
+    /// Irregularities, for the user.
     std::vector<std::string> notes = {};
 };
 
-/// Sorts by the position along the normal; images at one place by their time, by what else differs
-/// in the same way at all places (acquisition, b value, trigger, echo), number in the series and
-/// file. Where images have no positions, by their numbers, or as the files' names say.
-/// `as_it_is`: slices that are missing or at uneven distances are no error, because the caller
-/// says how far apart they are. No I/O.
-/// Throws Error{unsupported}, which names the files: images that differ, slices that are missing,
-/// doubled, or at uneven distances.
+/// Sorts by position along the normal; images at one place by time, by what else differs in the
+/// same way at all places (acquisition, b value, trigger, echo), by number in the series and by
+/// file. If images have no positions, sorts by their numbers, or by file name. `as_it_is`: missing
+/// or unevenly spaced slices are no error, because the caller gives their distance. No I/O.
+/// Throws Error{unsupported}, naming the files, for images that differ and for slices that are
+/// missing, duplicated, or unevenly spaced.
 DicomStack stack_slices(const DicomGroup& images, const std::vector<std::filesystem::path>& files,
                         bool as_it_is, const std::string& name);
+
+// The place of a stack of slices in the world, and what the user should know about it.
+
+struct PlacedStack {
+    Placement place = {};
+    AnatomicalFrame frame = AnatomicalFrame::unknown;
+    std::vector<std::string> notes = {};  ///< what is dropped of the place in the file
+};
+
+/// `nodes`: of the volume. `spaced`: the caller gives the spacing: the axes of a tilted gantry are
+/// then taken as the world's, and a note says what is lost. No I/O. Throws like place_in_world().
+PlacedStack place_stack(const Int3& nodes, const DicomStack& stack, bool spaced,
+                        const std::string& name);
 
 }  // namespace isonest::detail

@@ -1,32 +1,214 @@
 #include "preprocess/sources/hdf5/hdf5_chunks.h"
 
 #include <fmt/format.h>
+#include <hdf5.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <zlib.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
+#include <cstddef>
+#include <cstdint>
 #include <cstring>
 #include <functional>
 #include <thread>
+#include <vector>
 
 #include <isonest/error.h>
 
 #include "preprocess/sources/hdf5/lzf_filter.h"
+#include "preprocess/sources/numbers/remote_numbers.h"
 #include "store/container/codec.h"
 #include "store/container/format.h"
+#include "store/hdf5/file_drivers.h"
 #include "store/hdf5/handles.h"
 
 namespace isonest::detail {
 namespace {
 
-/// What is read of a chunk at most: filters that do not gain add a little.
-std::size_t most_stored(std::size_t chunk_bytes) {
+/// HDF5 reports all negative 64-bit integers as inexact in float64; checks whether this one is
+/// exact.
+bool is_exact(hid_t from, const void* in, void* out) {
+    constexpr std::size_t kSize = 8;
+    if (H5Tget_class(from) != H5T_INTEGER || H5Tget_sign(from) != H5T_SGN_2 ||
+        H5Tget_size(from) != kSize || H5Tget_precision(from) != 8 * kSize) {
+        return false;
+    }
+    std::array<std::byte, kSize> bytes{};
+    std::memcpy(bytes.data(), in, kSize);
+    if (H5Tget_order(from) != H5Tget_order(H5T_NATIVE_INT64)) {
+        std::reverse(bytes.begin(), bytes.end());
+    }
+    std::int64_t value = 0;
+    std::memcpy(&value, bytes.data(), kSize);
+    constexpr std::int64_t kMax = std::int64_t{1} << 53U;
+    if (value < -kMax || value > kMax) {
+        return false;
+    }
+    const auto converted = static_cast<double>(value);
+    std::memcpy(out, &converted, kSize);
+    return true;
+}
+
+H5T_conv_ret_t stop_if_lossy(H5T_conv_except_t kind, hid_t from, hid_t /*to*/, void* in, void* out,
+                             void* lossy) {
+    if (kind == H5T_CONV_EXCEPT_PRECISION && is_exact(from, in, out)) {
+        return H5T_CONV_HANDLED;
+    }
+    if (kind != H5T_CONV_EXCEPT_PRECISION && kind != H5T_CONV_EXCEPT_RANGE_HI &&
+        kind != H5T_CONV_EXCEPT_RANGE_LOW && kind != H5T_CONV_EXCEPT_TRUNCATE) {
+        return H5T_CONV_UNHANDLED;
+    }
+    *static_cast<bool*>(lossy) = true;
+    return H5T_CONV_ABORT;
+}
+
+}  // namespace
+
+PropertyHandle exact_transfer(bool& lossy) {
+    PropertyHandle transfer(H5Pcreate(H5P_DATASET_XFER));
+    H5Pset_type_conv_cb(transfer.get(), &stop_if_lossy, &lossy);
+    return transfer;
+}
+
+namespace {
+
+/// Maximum number of places that are remembered: some megabytes.
+constexpr std::size_t kMaxPlaces = std::size_t{1} << 16U;
+
+}  // namespace
+
+RemoteChunks::RemoteChunks(const InputFile& file, hid_t dataset, const DatasetShape& shape,
+                           const std::vector<hsize_t>& chunk, std::uint64_t max_stored)
+    : dataset_(dataset),
+      shape_(shape),
+      chunk_dims_(chunk),
+      nodes_(shape.along_axes(shape.dims)),
+      chunk_(shape.along_axes(chunk)),
+      grid_(ceil_div(nodes_, chunk_)),
+      max_stored_(max_stored),
+      ahead_(file, nodes_, [this](const Slab& slab, std::vector<ByteRange>& ranges) {
+          add_ranges(slab, ranges);
+      }) {}
+
+void RemoteChunks::add_ranges(const Slab& slab, std::vector<ByteRange>& ranges) {
+    const Int3 first{0, slab.y0 / chunk_.y, slab.z0 / chunk_.z};
+    const Int3 end = ceil_div(Int3{nodes_.x, slab.y0 + slab.ny, slab.z0 + slab.nz}, chunk_);
+    const Int3 count = end - first;
+    // The slab being read comes first; its places stay until the next slab begins.
+    if (ranges.empty() && places_.size() > kMaxPlaces) {
+        places_.clear();
+    }
+    for (std::int64_t i = 0; i < count.product(); ++i) {
+        const Int3 at = first + count.unlinear(i);
+        auto found = places_.find(grid_.linear(at));
+        if (found == places_.end()) {
+            found = places_.emplace(grid_.linear(at), look_up(at)).first;
+        }
+        if (found->second.size > 0) {
+            ranges.push_back({found->second.offset, found->second.size});
+        }
+    }
+}
+
+void RemoteChunks::fail(const ErrorPlace& where) const {
+    rethrow_failed_read(dataset_);
+    throw Error(ErrorKind::io, where, "cannot be found: " + hdf5_message());
+}
+
+RemoteChunks::Place RemoteChunks::look_up(const Int3& chunk) {
+    const QuietHdf5 quiet;
+    std::vector<hsize_t> at =
+        shape_.along_dims({chunk.x * chunk_.x, chunk.y * chunk_.y, chunk.z * chunk_.z}, 0);
+    for (std::size_t d = 0; d < shape_.at.size(); ++d) {
+        at[d] += shape_.at[d] / chunk_dims_[d] * chunk_dims_[d];
+    }
+    Place place;
+    const ErrorPlace where{fmt::format("the chunk from node {} {} {} on", chunk.x * chunk_.x,
+                                       chunk.y * chunk_.y, chunk.z * chunk_.z)};
+    const std::optional<hsize_t> stored = stored_size_of_chunk(dataset_, at);
+    if (!stored) {
+        fail(where);
+    }
+    const hsize_t size = *stored;
+    if (size == 0) {
+        rethrow_failed_read(dataset_);
+        return place;
+    }
+    if (size > max_stored_) {
+        throw Error(ErrorKind::corrupt, where,
+                    fmt::format("takes {} bytes, at most {} would be right", size, max_stored_));
+    }
+    unread_.resize(size);
+    herr_t done = 0;
+    const std::vector<ByteRange> reads = raw_reads_of(dataset_, [&] {
+        done = H5Dread_chunk(dataset_, H5P_DEFAULT, at.data(), &place.skipped, unread_.data());
+    });
+    if (done < 0 || reads.size() != 1 || reads[0].size != size) {
+        fail(where);
+    }
+    place.offset = reads[0].offset;
+    place.size = size;
+    rethrow_failed_read(dataset_);
+    if (place.size > 0 && !lies_within(place.offset, place.size, ahead_.bytes().size())) {
+        throw Error(ErrorKind::corrupt, where,
+                    "lies beyond the end of the object; was it cut short?");
+    }
+    return place;
+}
+
+std::unique_ptr<VolumeSource> open_remote_contiguous(const InputFile& file, hid_t dataset,
+                                                     const DatasetShape& shape,
+                                                     const Hdf5Number& number,
+                                                     const std::string& name) {
+    const PropertyHandle creation(H5Dget_create_plist(dataset));
+    const TypeHandle stored(H5Dget_type(dataset));
+    const haddr_t offset = offset_of_values(dataset);
+    const TypeHandle swapped(H5Tcopy(number.memory_type));
+    H5Tset_order(swapped.get(), H5T_ORDER_BE);
+    RawLayout layout;
+    layout.big_endian = H5Tequal(stored.get(), swapped.get()) > 0;
+    if (H5Pget_layout(creation.get()) != H5D_CONTIGUOUS || offset == HADDR_UNDEF ||
+        (!layout.big_endian && H5Tequal(stored.get(), number.memory_type) <= 0)) {
+        return nullptr;
+    }
+    std::vector<hsize_t> strides(shape.dims.size());
+    hsize_t values = 1;
+    const std::uint64_t size = file.bytes()->size();
+    const auto require = [&](bool fits) {
+        if (!fits) {
+            throw Error(ErrorKind::corrupt, {name}, "the object ends before the dataset does");
+        }
+    };
+    for (std::size_t i = shape.dims.size(); i-- > 0;) {
+        require(values <= size / shape.dims[i]);
+        strides[i] = values;
+        layout.first += shape.at.empty() ? 0 : shape.at[i] * values;
+        values *= shape.dims[i];
+    }
+    layout.nodes = shape.along_axes(shape.dims);
+    layout.type = number.type;
+    layout.offset = offset;
+    require(values <= size / size_of(layout.type) &&
+            lies_within(offset, values * size_of(layout.type), size));
+    if (values != static_cast<hsize_t>(layout.nodes.product()) ||
+        !std::is_sorted(shape.axes.begin(), shape.axes.end())) {
+        layout.strides = shape.along_axes(strides);
+        layout.whole = values;
+    }
+    return open_remote_numbers(file, name, layout);
+}
+
+namespace {
+
+/// Maximum of bytes read for a chunk: filters that do not gain add a little.
+std::size_t max_stored(std::size_t chunk_bytes) {
     return chunk_bytes + chunk_bytes / 8 + 4096;
 }
 
-/// In the order of writing: a shuffle, one compression, a checksum, each of which may be left out.
-/// None for others, and for a shuffle of other elements.
+/// In the order of writing: a shuffle, one compression, a checksum, each optional. None for other
+/// filters, and for a shuffle of elements of another size.
 std::optional<std::vector<H5Z_filter_t>> filters_of(hid_t creation, std::size_t element) {
     std::vector<H5Z_filter_t> filters;
     int last = 0;
@@ -52,7 +234,7 @@ std::optional<std::vector<H5Z_filter_t>> filters_of(hid_t creation, std::size_t 
     return filters;
 }
 
-/// HDF5's form of Fletcher's checksum: of big endian pairs of bytes.
+/// HDF5's variant of Fletcher's checksum, over big-endian pairs of bytes.
 std::uint32_t fletcher32(std::span<const std::byte> bytes) {
     constexpr std::size_t kWithoutOverflow = 360;
     std::uint32_t first = 0;
@@ -78,8 +260,8 @@ std::uint32_t fletcher32(std::span<const std::byte> bytes) {
     return fold(second) << 16U | fold(first);
 }
 
-/// Takes the checksum off the end; false if it is not that of the bytes before. HDF5 before 1.6.3
-/// wrote its halves with their bytes swapped.
+/// Removes the checksum from the end; false if it does not match the bytes before it. HDF5 before
+/// 1.6.3 wrote its halves with swapped bytes.
 bool take_checksum(std::vector<std::byte>& bytes) {
     std::uint32_t stored = 0;
     if (bytes.size() < sizeof(stored)) {
@@ -94,7 +276,7 @@ bool take_checksum(std::vector<std::byte>& bytes) {
     return stored == sum || stored == ((sum & 0xFF00FFU) << 8U | (sum >> 8U & 0xFF00FFU));
 }
 
-/// Numbers that lie `stride` of them apart, one behind the other.
+/// Copies numbers that are `stride` numbers apart to consecutive ones.
 void copy_row(const std::byte* from, std::size_t stride, std::byte* to, std::size_t count,
               std::size_t element) {
     if (stride == 1) {
@@ -161,7 +343,7 @@ std::optional<Hdf5Chunks> Hdf5Chunks::open(hid_t dataset, std::string name,
         const hsize_t begin = shape.at[d] / chunk[d] * chunk[d];
         c.fixed_[d] = begin;
         c.first_ += static_cast<std::int64_t>((shape.at[d] - begin) * strides[d]);
-        // A chunk that reaches beyond the dataset along an axis of one position.
+        // A chunk that extends beyond the dataset along an axis with one position.
         c.long_chunks_ = c.long_chunks_ || (shape.at[d] > 0 && begin + chunk[d] > shape.dims[d]);
     }
     c.stride_ = shape.along_axes(strides);
@@ -170,14 +352,14 @@ std::optional<Hdf5Chunks> Hdf5Chunks::open(hid_t dataset, std::string name,
     if (H5Pget_fill_value(creation.get(), memory_type, c.fill_.data()) < 0) {
         return std::nullopt;
     }
-    const std::uint64_t each = 2 * most_stored(c.chunk_bytes_);
+    const std::uint64_t each = 2 * max_stored(c.chunk_bytes_);
     c.decoders_ = static_cast<int>(std::clamp<std::uint64_t>(
         heap / each, 1, std::max(std::thread::hardware_concurrency(), 1U)));
     c.heap_ = each * static_cast<std::uint64_t>(c.decoders_);
-    if (file.is_far()) {
-        c.far_ =
-            std::make_unique<FarChunks>(file, dataset, shape, chunk, most_stored(c.chunk_bytes_));
-        c.heap_ += most_stored(c.chunk_bytes_);
+    if (file.is_remote()) {
+        c.remote_ =
+            std::make_unique<RemoteChunks>(file, dataset, shape, chunk, max_stored(c.chunk_bytes_));
+        c.heap_ += max_stored(c.chunk_bytes_);
     }
     return c;
 }
@@ -230,10 +412,10 @@ bool Hdf5Chunks::is_plain(const Int3& chunk) const {
 }
 
 std::uint32_t Hdf5Chunks::load(const Int3& chunk, std::vector<std::byte>& stored) const {
-    if (far_ != nullptr) {
-        const FarChunks::Place& place = far_->find(chunk);
+    if (remote_ != nullptr) {
+        const RemoteChunks::Place& place = remote_->find(chunk);
         stored.resize(place.size);
-        far_->bytes().read(place.offset, stored.data(), stored.size());
+        remote_->bytes().read(place.offset, stored.data(), stored.size());
         return place.skipped;
     }
     std::vector<hsize_t> at =
@@ -243,7 +425,7 @@ std::uint32_t Hdf5Chunks::load(const Int3& chunk, std::vector<std::byte>& stored
     if (!size) {
         throw Error(ErrorKind::io, place(chunk), "cannot be found: " + hdf5_message());
     }
-    if (*size > most_stored(chunk_bytes_)) {
+    if (*size > max_stored(chunk_bytes_)) {
         throw Error(ErrorKind::corrupt, place(chunk),
                     fmt::format("takes {} bytes, its numbers only {}", *size, chunk_bytes_));
     }
@@ -280,8 +462,8 @@ void Hdf5Chunks::read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::in
     const Int3 first{0, y0 / chunk_.y, z0 / chunk_.z};
     const Int3 end = ceil_div(Int3{nodes_.x, y0 + ny, z0 + nz}, chunk_);
     const Int3 count = end - first;
-    if (far_ != nullptr) {
-        far_->begin({z0, nz, y0, ny});
+    if (remote_ != nullptr) {
+        remote_->begin({z0, nz, y0, ny});
     }
     std::atomic<std::int64_t> next{0};
     tbb::parallel_for(0, decoders_, [&](int /*decoder*/) {

@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// What HDF5 gives in a buffer of the caller's: get(null, 0) is its length.
+/// The text that HDF5 writes to a caller's buffer; get(null, 0) returns its length.
 template <class Get>
 std::string text_from(const Get& get) {
     const ssize_t length = get(nullptr, 0);
@@ -25,19 +25,19 @@ std::string text_from(const Get& get) {
     return text;
 }
 
-/// The folder that a file lies in, absolute.
+/// The absolute path of the folder that contains a file.
 fs::path folder_of(const fs::path& file) {
     return fs::absolute(file).parent_path();
 }
 
-/// A folder of the environment's, "${ORIGIN}/..." being beside `file`.
+/// A folder in an environment variable; "${ORIGIN}/..." is relative to the folder of `file`.
 fs::path expanded(const std::string& folder, const fs::path& file) {
     constexpr std::string_view kOrigin = "${ORIGIN}";
     return folder.starts_with(kOrigin) ? folder_of(file).concat(folder.substr(kOrigin.size()))
                                        : fs::path(folder);
 }
 
-/// Throws unless a file that is there is a regular one: a FIFO would be waited for.
+/// Throws if the file exists and is not a regular file: opening a FIFO would hang.
 void require_regular(const fs::path& path, const std::string& what) {
     std::error_code ignored;
     const fs::file_status status = fs::status(path, ignored);
@@ -49,7 +49,7 @@ void require_regular(const fs::path& path, const std::string& what) {
 
 using ObjectHandle = Handle<H5Oclose>;
 
-/// What following links finds out. Exceptions do not pass through HDF5.
+/// What is found when links are followed. Exceptions must not pass through HDF5.
 struct Links {
     std::vector<fs::path>& files;
     std::string what;
@@ -73,7 +73,7 @@ herr_t note_link(const char* parent, const char* /*group*/, const char* file,
 
 constexpr const char* kVirtual = "is a virtual dataset, and of its sources {}:{} {}";
 
-/// Objects by their file and place in it.
+/// Identifies an object by its file and its place in the file.
 using ObjectId = std::pair<unsigned long, haddr_t>;
 
 class FileSearch {
@@ -108,7 +108,7 @@ class FileSearch {
     }
 
   private:
-    /// Storage in other files, which must be as long as the dataset needs.
+    /// Adds storage in other files, which must be as long as the dataset needs.
     void add_storage(hid_t creation, hid_t dataset, const fs::path& home, const std::string& name) {
         const int count = H5Pget_external_count(creation);
         const TypeHandle type(H5Dget_type(dataset));
@@ -151,8 +151,8 @@ class FileSearch {
         }
     }
 
-    /// Adds the sources of one mapping: one, or for names with "%b" one for each block that there
-    /// is along the axis that has no end.
+    /// Adds the sources of one mapping: one or, for names with "%b", one for each existing block
+    /// along the unlimited axis.
     void add_mapping(hid_t creation, std::size_t i, hid_t dataset, const fs::path& home,
                      const std::string& name) {
         const std::string file = text_from([&](char* out, std::size_t size) {
@@ -177,7 +177,7 @@ class FileSearch {
         }
     }
 
-    /// HDF5 leaves out what is behind the first file of a pattern that is not there.
+    /// HDF5 ignores all files of a pattern after the first missing one.
     static void require_end(const std::string& pattern, hsize_t end, const fs::path& home,
                             const std::string& name) {
         constexpr hsize_t kLookedAt = 16;
@@ -198,15 +198,15 @@ class FileSearch {
 
     struct Blocks {
         hsize_t count = 1;
-        hsize_t nodes = 0;  ///< of each
+        hsize_t nodes = 0;  ///< in each block
     };
-    /// What is selected of a source, and how many nodes that must be at least.
+    /// A selection in a source, and the minimum number of nodes it must have.
     struct Taken {
         hid_t selection;
         hsize_t nodes;
     };
 
-    /// How many blocks lie in the dataset along the axis without end.
+    /// The number of blocks in the dataset along the unlimited axis.
     static Blocks blocks_of(hid_t selection, hid_t dataset) {
         const SpaceHandle space(H5Dget_space(dataset));
         const auto rank =
@@ -270,7 +270,7 @@ class FileSearch {
         return with_block(name, 0) != with_block(name, 1);
     }
 
-    /// As HDF5 reads a pattern: "%b" is the number of the block, "%%" is "%".
+    /// As HDF5 interprets a pattern: "%b" is the number of the block, "%%" is "%".
     static std::string with_block(const std::string& pattern, hsize_t block) {
         std::string name;
         for (std::size_t i = 0; i < pattern.size(); ++i) {
@@ -282,7 +282,7 @@ class FileSearch {
         return name;
     }
 
-    /// Whether all that is selected lies in the source as it is now.
+    /// Whether the whole selection lies in the source at its current size.
     static bool holds(hid_t source, const Taken& part) {
         const hid_t taken = part.selection;
         const int rank = H5Sget_simple_extent_ndims(source);
@@ -299,7 +299,7 @@ class FileSearch {
         H5Sget_simple_extent_dims(source, dims.data(), nullptr);
         if (H5Sget_select_npoints(taken) == static_cast<hssize_t>(H5S_UNLIMITED) ||
             H5Sget_select_bounds(taken, first.data(), last.data()) < 0) {
-            return true;  // as far as the source goes
+            return true;  // as far as the source extends
         }
         for (std::size_t d = 0; d < dims.size(); ++d) {
             if (last[d] >= dims[d]) {
@@ -314,7 +314,7 @@ class FileSearch {
     std::vector<ObjectId> under_way_;
 };
 
-/// The object, opened as a dataset; invalid, with the reason, if it is none.
+/// Opens the object as a dataset; invalid, with the reason, if it is not one.
 DatasetHandle dataset_of(const ObjectHandle& object, hid_t file, const std::string& path,
                          const PropertyHandle& access, std::string* reason) {
     DatasetHandle dataset;
@@ -359,8 +359,9 @@ std::vector<fs::path> places_of(const fs::path& name, const fs::path& file, cons
 
 DatasetHandle open_dataset(hid_t file, const std::string& path, const PropertyHandle& access,
                            std::vector<fs::path>& files, std::string* reason) {
-    // HDF5 keeps copies of a dataset's access properties, and the sources of a virtual dataset are
-    // opened with them when they are read: links are noted by an opening of their own.
+    // HDF5 keeps copies of a dataset's access properties and uses them to open the sources of a
+    // virtual dataset when it is read. So the callback that records links is only set for a
+    // separate opening.
     Links links{files, path, {}};
     const PropertyHandle noting(H5Pcreate(H5P_LINK_ACCESS));
     const PropertyHandle file_access(H5Pcreate(H5P_FILE_ACCESS));
@@ -379,7 +380,7 @@ namespace {
 
 herr_t refuse_link(const char* /*parent*/, const char* /*group*/, const char* file,
                    const char* /*object*/, unsigned* /*flags*/, hid_t /*access*/, void* data) {
-    // Exceptions do not pass through HDF5.
+    // Exceptions must not pass through HDF5.
     try {
         *static_cast<std::string*>(data) = file;
     } catch (...) {
@@ -390,8 +391,8 @@ herr_t refuse_link(const char* /*parent*/, const char* /*group*/, const char* fi
 
 }  // namespace
 
-DatasetHandle open_far_dataset(hid_t file, const std::string& path, const PropertyHandle& access,
-                               std::string* reason) {
+DatasetHandle open_remote_dataset(hid_t file, const std::string& path, const PropertyHandle& access,
+                                  std::string* reason) {
     std::string other;
     const PropertyHandle links(H5Pcreate(H5P_LINK_ACCESS));
     H5Pset_elink_cb(links.get(), &refuse_link, &other);

@@ -1,5 +1,3 @@
-#include "preprocess/sources/hdf5/hdf5_format.h"
-
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -13,31 +11,23 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/file_identity.h"
 #include "preprocess/sources/bytes/input_file.h"
-#include "preprocess/sources/bytes/regular_file.h"
-#include "preprocess/sources/hdf5/exact_transfer.h"
-#include "preprocess/sources/hdf5/far_chunks.h"
-#include "preprocess/sources/hdf5/far_contiguous.h"
-#include "preprocess/sources/hdf5/hdf5_axes.h"
 #include "preprocess/sources/hdf5/hdf5_chunks.h"
 #include "preprocess/sources/hdf5/hdf5_datasets.h"
-#include "preprocess/sources/hdf5/hdf5_dialect.h"
+#include "preprocess/sources/hdf5/hdf5_dialects.h"
 #include "preprocess/sources/hdf5/hdf5_files.h"
 #include "preprocess/sources/hdf5/hdf5_place.h"
 #include "preprocess/sources/hdf5/lzf_filter.h"
 #include "preprocess/sources/numbers/raw_rows.h"
 #include "preprocess/sources/placement/axis_choice.h"
-#include "preprocess/sources/placement/cf_convention.h"
-#include "preprocess/sources/placement/unsaid_spacing.h"
-#include "preprocess/sources/wrapping/converted_source.h"
+#include "preprocess/sources/placement/conventions.h"
+#include "preprocess/sources/placement/placement.h"
+#include "preprocess/sources/volume_format.h"
 #include "preprocess/sources/wrapping/cropped_source.h"
-#include "preprocess/sources/wrapping/mirrored_source.h"
 #include "preprocess/sources/wrapping/scaled_source.h"
-#include "preprocess/sources/wrapping/slice_scaled_source.h"
-#include "store/container/hdf5_types.h"
-#include "store/files/mapped_file.h"
-#include "store/hdf5/bytes_driver.h"
+#include "store/container/parts/hdf5_types.h"
+#include "store/files/open_file.h"
+#include "store/hdf5/file_drivers.h"
 #include "store/hdf5/handles.h"
 #include "store/hdf5/zstd_filter.h"
 #include "store/lattice/lattice.h"
@@ -47,13 +37,13 @@ namespace {
 
 constexpr std::array<char, 8> kSignature{'\x89', 'H', 'D', 'F', '\r', '\n', '\x1a', '\n'};
 
-/// Where HDF5 begins in a file, behind a user block of 0 or 512 2^k bytes.
+/// Where HDF5 begins in a file: after a user block of 0 or 512 * 2^k bytes.
 std::optional<std::uint64_t> start_of_hdf5(const InputFile& file) {
-    constexpr std::uint64_t kLeast = 512;
+    constexpr std::uint64_t kMin = 512;
     constexpr std::uint64_t kFar = std::uint64_t{64} << 10U;
     const std::uint64_t size =
-        file.is_far() ? std::min(regular_file_size(file), kFar) : regular_file_size(file);
-    for (std::uint64_t at = 0; at + kSignature.size() <= size; at = at == 0 ? kLeast : 2 * at) {
+        file.is_remote() ? std::min(regular_file_size(file), kFar) : regular_file_size(file);
+    for (std::uint64_t at = 0; at + kSignature.size() <= size; at = at == 0 ? kMin : 2 * at) {
         if (first_bytes(file, kSignature.size(), at) ==
             std::string_view(kSignature.data(), kSignature.size())) {
             return at;
@@ -62,7 +52,7 @@ std::optional<std::uint64_t> start_of_hdf5(const InputFile& file) {
     return std::nullopt;
 }
 
-/// Whether the file says that a program has it open for writing, or died having it.
+/// Whether the file is marked as open for writing by a program, which may have crashed.
 bool is_being_written(const InputFile& file) {
     constexpr std::size_t kVersion = 8;
     constexpr std::size_t kFlags = 11;
@@ -78,7 +68,7 @@ class Hdf5Source : public VolumeSource {
         const QuietHdf5 quiet;
         register_zstd_filter();
         register_lzf_filter();
-        file_ = input.is_far() ? open_hdf5(input.bytes()) : open_hdf5(input.path());
+        file_ = input.is_remote() ? open_hdf5(input.bytes()) : open_hdf5(input.path());
         if (!file_.valid() && is_being_written(input)) {
             throw Error(ErrorKind::io, {input.name()},
                         "another program writes it, or died before it closed it; wait until it is "
@@ -88,23 +78,23 @@ class Hdf5Source : public VolumeSource {
             throw Error(ErrorKind::corrupt, {input.name()}, hdf5_cannot_open());
         }
         files_ = local_files({input});
-        if (input.is_far()) {
+        if (input.is_remote()) {
             reading(file_.get(), [&] { open(options); });
         } else {
             open(options);
         }
     }
-    /// What the dataset's attributes say of its numbers.
+    /// The scaling according to the dataset's attributes.
     [[nodiscard]] Scaling scaling() const {
         if (slices_) {
             return {};
         }
-        // Elsewhere, attributes that cannot be fetched are not taken for ones that are not there.
+        // For a remote file, attributes that cannot be fetched must not be treated as absent.
         return reading(dataset_.get(), [this] { return said_scaling(); });
     }
-    /// What the dialect says of them, where it says something.
+    /// The scaling according to the dialect, if it specifies one.
     [[nodiscard]] const std::optional<SliceScaling>& slices() const { return slices_; }
-    /// The part of the dataset that is the volume; the rest is padding.
+    /// The part of the dataset that is the volume, without padding.
     [[nodiscard]] std::array<NodeRange, 3> without_padding() const {
         std::array<NodeRange, 3> part;
         const Int3 n = unpadded_nodes();
@@ -114,7 +104,7 @@ class Hdf5Source : public VolumeSource {
         }
         return part;
     }
-    /// Axes whose coordinates run downward.
+    /// Axes with decreasing coordinates.
     [[nodiscard]] const std::array<bool, 3>& backward() const { return place_.in_world.backward; }
     [[nodiscard]] std::vector<std::string> notes() const override { return notes_; }
 
@@ -126,7 +116,7 @@ class Hdf5Source : public VolumeSource {
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
     [[nodiscard]] std::string identity() const override {
         const std::string inputs =
-            input_.is_far() ? identity_of_inputs({input_}) : identity_of(files_);
+            input_.is_remote() ? identity_of_inputs({input_}) : identity_of(files_);
         return inputs.empty()
                    ? inputs
                    : fmt::format("{}dataset {}\n", inputs, dataset_name_) + text_of_place();
@@ -137,10 +127,10 @@ class Hdf5Source : public VolumeSource {
 
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
-        if (far_numbers_) {
-            far_numbers_->read(z0, nz, y0, ny, dst);
-        } else if (input_.is_far()) {
-            reading(dataset_.get(), [&] { read_far({z0, nz, y0, ny}, dst); });
+        if (remote_numbers_) {
+            remote_numbers_->read(z0, nz, y0, ny, dst);
+        } else if (input_.is_remote()) {
+            reading(dataset_.get(), [&] { read_remote({z0, nz, y0, ny}, dst); });
         } else if (chunks_) {
             chunks_->read(z0, nz, y0, ny, dst);
         } else {
@@ -167,21 +157,22 @@ class Hdf5Source : public VolumeSource {
         return shape_.at.empty() ? "" : fmt::format("at {}\n", fmt::join(shape_.at, " "));
     }
 
-    /// HDF5 reads what was announced: in parts, so that the next ones are under way meanwhile.
-    void read_far(const Slab& slab, std::byte* dst) {
+    /// Reads with HDF5 what was prefetched, in parts, so that the next parts are requested
+    /// meanwhile.
+    void read_remote(const Slab& slab, std::byte* dst) {
         if (chunks_) {
             chunks_->read(slab.z0, slab.nz, slab.y0, slab.ny, dst);
             return;
         }
-        if (far_chunks_ == nullptr) {
+        if (remote_chunks_ == nullptr) {
             read_by_hdf5(slab, slab, dst);
             return;
         }
-        const std::int64_t step = far_chunks_->chunk().y;
+        const std::int64_t step = remote_chunks_->chunk().y;
         for (std::int64_t y = slab.y0; y < slab.y0 + slab.ny;) {
             const std::int64_t end = std::min((y / step + 1) * step, slab.y0 + slab.ny);
             const Slab part{slab.z0, slab.nz, y, end - y};
-            far_chunks_->begin(part);
+            remote_chunks_->begin(part);
             read_by_hdf5(part, slab, dst);
             y = end;
         }
@@ -208,7 +199,7 @@ class Hdf5Source : public VolumeSource {
         }
         shape_ = shape_of(dataset_.get());
         const auto type = value_type_of(dataset_.get());
-        // Opened anew by set_chunks(), the dataset has another handle.
+        // set_chunks() opens the dataset again, with another handle.
         const auto named = [this] {
             return NamedDataset{file_.get(), dataset_.get(), dataset_name_, name_};
         };
@@ -238,7 +229,7 @@ class Hdf5Source : public VolumeSource {
                                     kMaxNodesPerAxis));
         }
         nodes_ = shape_.along_axes(shape_.dims);
-        if (input_.is_far()) {
+        if (input_.is_remote()) {
             require_own_values();
         } else {
             add_files_of(dataset_.get(), name_, files_);
@@ -251,10 +242,10 @@ class Hdf5Source : public VolumeSource {
                      : hdf5_place(named(), shape_, axes_, options);
         add_notes(place_.notes);
         add_notes(note_of_spacing(place_.said, nodes_, options));
-        if (input_.is_far()) {
-            far_numbers_ = open_far_contiguous(input_, dataset_.get(), shape_,
-                                               {memory_type_.get(), type_}, name_);
-            heap_ += far_numbers_ ? far_numbers_->heap() : 0;
+        if (input_.is_remote()) {
+            remote_numbers_ = open_remote_contiguous(input_, dataset_.get(), shape_,
+                                                     {memory_type_.get(), type_}, name_);
+            heap_ += remote_numbers_ ? remote_numbers_->heap() : 0;
         } else {
             map_contiguous();
         }
@@ -266,8 +257,9 @@ class Hdf5Source : public VolumeSource {
     }
 
     DatasetHandle open_named(std::string* reason = nullptr) {
-        return input_.is_far() ? open_far_dataset(file_.get(), dataset_name_, access_, reason)
-                               : open_dataset(file_.get(), dataset_name_, access_, files_, reason);
+        return input_.is_remote()
+                   ? open_remote_dataset(file_.get(), dataset_name_, access_, reason)
+                   : open_dataset(file_.get(), dataset_name_, access_, files_, reason);
     }
 
     void require_own_values() const {
@@ -319,7 +311,7 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
-    /// The volume's without the padding.
+    /// The nodes of the volume without padding.
     [[nodiscard]] Int3 unpadded_nodes() const {
         return shape_.along_axes(dialect_ && !dialect_->lengths.empty() ? dialect_->lengths
                                                                         : shape_.dims);
@@ -343,7 +335,7 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
-    /// A part of a slab, to its place in the slab. What is not in the part is left as it is.
+    /// Reads a part of a slab to its place in the slab. The rest of the slab is not changed.
     void read_by_hdf5(const Slab& part, const Slab& slab, std::byte* dst) {
         const QuietHdf5 quiet;
         const std::int64_t nz = part.nz;
@@ -363,7 +355,7 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
-    /// Nodes [low, high), in the file's order of axes, to node `at` of a box of `size` nodes.
+    /// Reads nodes [low, high), in the file's axis order, to node `at` of a box of `size` nodes.
     void read_box(const Int3& low, const Int3& high, const Int3& size, const Int3& at,
                   std::byte* dst) {
         const std::vector<hsize_t> start = shape_.place_of(low);
@@ -390,12 +382,12 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
-    /// Nodes [low, high) of a dataset whose axes are stored in another order, through a buffer.
+    /// Reads nodes [low, high) of a dataset with another axis order, through a buffer.
     void read_turned(const Int3& low, const Int3& high, const Slab& slab, std::byte* dst) {
         const Int3 size = high - low;
         const std::size_t value = size_of(type_);
         if (static_cast<std::size_t>(size.product()) * value > kTurnedBytes) {
-            // In halves along the slowest axis that can be halved.
+            // Divides the box in halves along the slowest axis that can be divided.
             for (std::size_t i = 0; i < shape_.dims.size(); ++i) {
                 const auto axis = std::find(shape_.axes.rbegin(), shape_.axes.rend(), i);
                 const auto a = static_cast<int>(axis - shape_.axes.rbegin());
@@ -431,7 +423,7 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
-    /// Integers of 64 bits are read as they are.
+    /// Integers of 64 bits are read unchanged.
     void take_labels(bool wanted) {
         const TypeHandle type(H5Dget_type(dataset_.get()));
         constexpr std::size_t kSize = 8;
@@ -443,7 +435,7 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
-    /// Whether HDF5 leaves memory as it is where nothing was written.
+    /// Whether HDF5 leaves memory unchanged where nothing was written.
     [[nodiscard]] bool is_unwritten_undefined() const {
         const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
         H5D_fill_value_t fill = H5D_FILL_VALUE_UNDEFINED;
@@ -453,7 +445,7 @@ class Hdf5Source : public VolumeSource {
                time == H5D_FILL_TIME_NEVER;
     }
 
-    /// Whole rows of chunks are read at a time, so HDF5's chunk cache only has to hold one chunk.
+    /// Whole rows of chunks are read at a time, so HDF5's chunk cache only needs to hold one chunk.
     void set_chunks(const SourceOptions& options) {
         const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
         if (H5Pget_layout(creation.get()) != H5D_CHUNKED) {
@@ -480,7 +472,7 @@ class Hdf5Source : public VolumeSource {
             return;
         }
         require_filters(creation.get());
-        // The cached chunk, and the filters' input and output.
+        // The cached chunk, and the input and output of the filters.
         heap_ += 3 * bytes;
         H5Pset_chunk_cache(access_.get(), 521, std::max<std::uint64_t>(bytes, 1U << 20U), 1.0);
         dataset_.reset();
@@ -488,9 +480,9 @@ class Hdf5Source : public VolumeSource {
         if (!dataset_.valid()) {
             throw Error(ErrorKind::io, {name_}, fmt::format("cannot open: {}", hdf5_message()));
         }
-        if (input_.is_far()) {
-            far_chunks_ = std::make_unique<FarChunks>(input_, dataset_.get(), shape_, dims,
-                                                      bytes + bytes / 8 + 4096);
+        if (input_.is_remote()) {
+            remote_chunks_ = std::make_unique<RemoteChunks>(input_, dataset_.get(), shape_, dims,
+                                                            bytes + bytes / 8 + 4096);
             heap_ += 2 * bytes;
         }
     }
@@ -516,8 +508,9 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
-    /// A dataset that lies in its file as read() would give it needs no copy. The map is of the
-    /// very file that HDF5 reads, and used only if both show the same first and last row.
+    /// Maps a dataset that is stored exactly as read() would return it, so that no copy is needed.
+    /// The map is of the same file that HDF5 reads, and only used if both have the same first and
+    /// last row.
     void map_contiguous() {
         const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
         const TypeHandle stored(H5Dget_type(dataset_.get()));
@@ -569,21 +562,21 @@ class Hdf5Source : public VolumeSource {
     std::optional<Hdf5Dialect> dialect_;
     std::optional<SliceScaling> slices_;
     Hdf5Place place_;
-    bool labels_ = false;    ///< the stored integers of 64 bits are labels
-    bool unsigned_ = false;  ///< the stored integers are signed, and mean unsigned ones
+    bool labels_ = false;    ///< the stored 64-bit integers are labels
+    bool unsigned_ = false;  ///< the stored integers are signed, but mean unsigned ones
     std::vector<std::string> notes_;
     Granularity granularity_;
     bool unwritten_is_undefined_ = false;
     std::optional<Hdf5Chunks> chunks_;
-    /// Of a file elsewhere, a contiguous dataset; or chunks that HDF5 has to decode.
-    std::unique_ptr<VolumeSource> far_numbers_;
-    std::unique_ptr<FarChunks> far_chunks_;
+    /// For a remote file: a contiguous dataset, or chunks that HDF5 has to decode.
+    std::unique_ptr<VolumeSource> remote_numbers_;
+    std::unique_ptr<RemoteChunks> remote_chunks_;
     static constexpr std::size_t kTurnedBytes = std::size_t{4} << 20U;
-    std::vector<std::byte> turned_;  ///< a part of a dataset with its axes in another order
+    std::vector<std::byte> turned_;  ///< a part of a dataset with another axis order
     std::optional<MappedFile> map_;
     std::span<const std::byte> mapped_;
     std::uint64_t heap_ = 2U << 20U;
-    TypeHandle memory_type_;  ///< of read()'s values; little endian, as memory is
+    TypeHandle memory_type_;  ///< of read()'s values; little endian, like memory
 };
 
 std::unique_ptr<VolumeSource> open_hdf5_volume(const InputFile& file,

@@ -1,6 +1,6 @@
-// Source: h5py's filter, https://github.com/h5py/h5py/tree/master/lzf: cd_values[2], where it is
-// there, is the size of a chunk in bytes. A chunk that does not get smaller is stored as it is, and
-// its mask says so.
+// Source: h5py's filter, https://github.com/h5py/h5py/tree/master/lzf: cd_values[2], if present, is
+// the size of a chunk in bytes. An incompressible chunk is stored unchanged, and its filter mask
+// says so.
 #include "preprocess/sources/hdf5/lzf_filter.h"
 
 #if ISONEST_WITH_LZF
@@ -17,7 +17,7 @@ namespace isonest::detail {
 #if ISONEST_WITH_LZF
 namespace {
 
-constexpr std::size_t kMostBytes = 0xFFFFFFFF;  // HDF5's chunks are smaller than 4 GiB
+constexpr std::size_t kMaxBytes = 0xFFFFFFFF;  // HDF5 chunks are smaller than 4 GiB
 
 struct FreeLzfBuffer {
     void operator()(void* p) const { H5free_memory(p); }
@@ -25,16 +25,16 @@ struct FreeLzfBuffer {
 
 std::size_t lzf_filter(unsigned flags, std::size_t parameters, const unsigned* values,
                        std::size_t bytes, std::size_t* capacity, void** data) {
-    if ((flags & H5Z_FLAG_REVERSE) == 0U || bytes == 0 || bytes > kMostBytes) {
+    if ((flags & H5Z_FLAG_REVERSE) == 0U || bytes == 0 || bytes > kMaxBytes) {
         return 0;
     }
-    // Three bytes stand for 264 at most, so no damaged chunk asks for more memory than that.
-    const std::size_t most = std::min(bytes / 3 * 264 + 264, kMostBytes);
+    // Three bytes expand to 264 at most, so a damaged chunk cannot request more memory than that.
+    const std::size_t most = std::min(bytes / 3 * 264 + 264, kMaxBytes);
     constexpr std::size_t kChunkBytes = 2;
     std::size_t size = parameters > kChunkBytes && values[kChunkBytes] > 0
                            ? std::size_t{values[kChunkBytes]}
                            : std::max(*capacity, bytes);
-    // Other filters may have made the chunk longer, and older files do not say its size.
+    // Other filters may have made the chunk longer, and older files do not contain its size.
     for (size = std::min(size, most);; size = std::min(2 * size, most)) {
         std::unique_ptr<void, FreeLzfBuffer> out(H5allocate_memory(size, false));
         if (out == nullptr) {

@@ -10,14 +10,15 @@ namespace isonest::detail {
 
 inline constexpr H5Z_filter_t kLzfFilter = 32000;
 
-/// Makes the filter known to the HDF5 library in this process, for reading. Idempotent,
-/// thread-safe. Does nothing in a build without liblzf, and where a plugin has registered it.
+/// Registers the filter with the HDF5 library in this process, for reading. Idempotent,
+/// thread-safe. Does nothing in a build without liblzf, or if a plugin has registered it.
 void register_lzf_filter();
 
-/// Whether this build reads it.
+/// Whether this build can decompress LZF.
 bool has_lzf();
 
-/// Fills `out` from a chunk in LZF. False if that is not what it holds. REQUIRES: has_lzf().
+/// Decompresses an LZF chunk into `out`. False if it is not a chunk of that size. REQUIRES:
+/// has_lzf().
 bool undo_lzf(std::span<const std::byte> in, std::span<std::byte> out);
 
 }  // namespace isonest::detail

@@ -8,11 +8,10 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "preprocess/sources/bytes/json_file.h"
-#include "preprocess/sources/hdf5/dialects.h"
+#include "preprocess/sources/bytes/header_words.h"
 #include "preprocess/sources/hdf5/hdf5_datasets.h"
+#include "preprocess/sources/hdf5/hdf5_dialects.h"
 #include "preprocess/sources/hdf5/hdf5_files.h"
-#include "preprocess/sources/hdf5/hdf5_groups.h"
 #include "store/lattice/lattice.h"
 
 namespace isonest::detail {
@@ -24,8 +23,8 @@ constexpr const char* kHyperspy = "a signal of HyperSpy's";
 constexpr const char* kVelox = "an image of Velox";
 constexpr const char* kIlastik = "a dataset of ilastik's";
 constexpr const char* kEmd = "an EMD file";
-constexpr std::int64_t kMostNumbered = 100000;
-constexpr std::size_t kMostImages = 1000;  // ChimeraX's groups, and arrays in one
+constexpr std::int64_t kMaxNumbered = 100000;
+constexpr std::size_t kMaxImages = 1000;  // groups in ChimeraX files, and arrays in a group
 constexpr std::array<const char*, 3> kXyz{"x", "y", "z"};
 
 std::optional<double> number_in(const std::string& text) {
@@ -36,18 +35,18 @@ std::optional<double> number_in(const std::string& text) {
                : std::nullopt;
 }
 
-/// How many of "NAME 0", "NAME 1" and so on there are.
+/// The number of members "NAME 0", "NAME 1" and so on.
 std::int64_t count_of(const ObjectHandle& group, const std::string& name) {
     const QuietHdf5 quiet;
     std::int64_t count = 0;
-    while (is_group(group) && count < kMostNumbered &&
+    while (is_group(group) && count < kMaxNumbered &&
            H5Lexists(group.get(), fmt::format("{} {}", name, count).c_str(), H5P_DEFAULT) > 0) {
         ++count;
     }
     return count;
 }
 
-/// The length of the image along x, y or z: padding follows it.
+/// The length of the image along x, y or z, without the padding after it.
 std::optional<double> imaris_length(const ObjectHandle& channel, const ObjectHandle& image,
                                     bool finest, std::size_t axis) {
     const char letter = "XYZ"[axis];
@@ -70,7 +69,7 @@ double radians(double degrees) {
     return degrees * (3.14159265358979323846 / 180);
 }
 
-/// `v` turned about an axis.
+/// `v` rotated about an axis.
 Double3 turned(const Double3& v, Double3 axis, double degrees) {
     const double length = std::hypot(axis[0], axis[1], axis[2]);
     if (!(length > 0)) {
@@ -91,7 +90,7 @@ Double3 turned(const Double3& v, Double3 axis, double degrees) {
     return out;
 }
 
-/// Coordinates `offset`, `offset` + `scale` and so on, if an array of them is reasonable.
+/// Coordinates `offset`, `offset` + `scale` and so on, if their number is reasonable.
 std::vector<double> linear(double offset, double scale, hsize_t count) {
     std::vector<double> numbers;
     if (count <= static_cast<hsize_t>(kMaxNodesPerAxis)) {
@@ -102,7 +101,7 @@ std::vector<double> linear(double offset, double scale, hsize_t count) {
     return numbers;
 }
 
-/// "<undefined>" and "[n_m]" as others write them.
+/// Normalises the spellings "<undefined>" and "[n_m]".
 std::string plain_unit(std::string text) {
     if (text == "<undefined>") {
         return "";
@@ -214,17 +213,17 @@ std::optional<DialectChoice> chimera_choice(hid_t file, const std::string& name,
         return std::nullopt;
     }
     std::vector<std::string> found;
-    for (const std::string& group : names_inside(chimera.get(), kMostImages)) {
+    for (const std::string& group : names_inside(chimera.get(), kMaxImages)) {
         const ObjectHandle image = open_inside(chimera.get(), group);
         if (!is_group(image)) {
             continue;
         }
-        for (const std::string& array : names_inside(image.get(), kMostImages)) {
+        for (const std::string& array : names_inside(image.get(), kMaxImages)) {
             const ObjectHandle data = open_inside(image.get(), array);
             if (is_dataset(data) && shape_of(data.get()).dims.size() == 3 &&
                 numbers_of_attribute(data.get(), "subsample_spacing").empty()) {
                 found.push_back("/Chimera/" + group + "/" + array);
-                break;  // others are the same values in other chunks
+                break;  // the others have the same values in other chunks
             }
         }
     }
@@ -347,12 +346,12 @@ std::optional<DialectChoice> velox_choice(hid_t file, const std::string& /*name*
     return DialectChoice{"/Data/Image/" + names[0] + "/Data", index};
 }
 
-/// The text of the first frame's metadata: one column of bytes for each frame.
+/// The text of the first frame's metadata: one column of bytes per frame.
 std::string velox_metadata(const ObjectHandle& metadata) {
-    constexpr hsize_t kMostBytes = hsize_t{1} << 22U;
+    constexpr hsize_t kMaxBytes = hsize_t{1} << 22U;
     const QuietHdf5 quiet;
     const DatasetShape shape = shape_of(metadata.get());
-    if (shape.dims.size() != 2 || shape.dims[0] > kMostBytes || shape.dims[1] < 1) {
+    if (shape.dims.size() != 2 || shape.dims[0] > kMaxBytes || shape.dims[1] < 1) {
         return "";
     }
     std::string text(shape.dims[0], '\0');
@@ -386,7 +385,7 @@ std::optional<Hdf5Dialect> velox_dialect(const DialectQuestion& asked) {
         const auto it = of.is_object() ? of.find(key) : of.end();
         return of.is_object() && it != of.end() ? *it : none;
     };
-    // Numbers are texts.
+    // Numbers are stored as text.
     const auto text_at = [&](const nlohmann::json& value) {
         return value.is_string() ? value.get<std::string>() : value.is_number() ? value.dump() : "";
     };

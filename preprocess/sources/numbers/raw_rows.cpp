@@ -8,7 +8,7 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/file_identity.h"
+#include "preprocess/sources/bytes/input_file.h"
 #include "store/lattice/lattice.h"
 
 namespace isonest::detail {
@@ -29,8 +29,8 @@ std::uint64_t data_bytes(const RawLayout& layout) {
     if (!layout.strides) {
         return dense;
     }
-    // There may be gaps, such as between the records of a variable in NetCDF.
-    constexpr double kMost = 0x1p62;
+    // There may be gaps, for example between the records of a NetCDF variable.
+    constexpr double kMax = 0x1p62;
     const std::uint64_t step = layout.strides_in_bytes ? 1 : size_of(layout.type);
     std::uint64_t last = layout.first * step;
     double rough = static_cast<double>(layout.first) * static_cast<double>(step);
@@ -41,7 +41,7 @@ std::uint64_t data_bytes(const RawLayout& layout) {
         rough += static_cast<double>(steps) * static_cast<double>((*layout.strides)[a]) *
                  static_cast<double>(step);
     }
-    return rough > kMost ? ~std::uint64_t{0} : std::max(dense, last + size_of(layout.type));
+    return rough > kMax ? ~std::uint64_t{0} : std::max(dense, last + size_of(layout.type));
 }
 
 std::string text_of_nodes(const RawLayout& layout) {

@@ -6,19 +6,21 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include <isonest/error.h>
+#include <isonest/memory_volume.h>
 
-#include "preprocess/sources/bytes/gzip_stream.h"
-#include "preprocess/sources/bytes/regular_file.h"
-#include "preprocess/sources/numbers/far_numbers.h"
+#include "preprocess/sources/bytes/input_file.h"
+#include "preprocess/sources/bytes/stream_bytes.h"
 #include "preprocess/sources/numbers/raw_rows.h"
-#include "preprocess/sources/numbers/strided_file.h"
-#include "preprocess/sources/wrapping/described_source.h"
-#include "store/files/mapped_file.h"
+#include "preprocess/sources/numbers/remote_numbers.h"
+#include "preprocess/sources/wrapping/wrapped_source.h"
+#include "store/files/open_file.h"
 #include "store/files/scratch_file.h"
 
 namespace isonest::detail {
@@ -73,10 +75,10 @@ DeflateWrapper wrapper_of(Packing packing) {
                                          : DeflateWrapper::gzip;
 }
 
-/// The numbers of a stream of deflate, from its front to its end.
+/// The numbers of a deflate stream, from front to back.
 class StreamedNumbers {
   public:
-    /// The stream starts at layout.start. `name` and `layout` outlive this.
+    /// The stream starts at layout.start. `name` and `layout` must outlive this object.
     StreamedNumbers(const InputFile& file, const std::string& name, const RawLayout& layout)
         : name_(name),
           layout_(layout),
@@ -99,11 +101,11 @@ class StreamedNumbers {
             fetch(skipped.data(), std::min<std::uint64_t>(at - at_, skipped.size()));
         }
     }
-    /// Only the end brings the checksum.
+    /// Reads to the end, because the checksum is there.
     void require_right_end() {
         std::vector<std::byte> skipped(1U << 16U);
-        constexpr std::uint64_t kMostBehind = std::uint64_t{1} << 30U;
-        const std::uint64_t most = std::max(kMostBehind, 16 * at_);
+        constexpr std::uint64_t kMaxBehind = std::uint64_t{1} << 30U;
+        const std::uint64_t most = std::max(kMaxBehind, 16 * at_);
         std::uint64_t behind = 0;
         while (const std::uint64_t n = stream_.read(skipped.data(), skipped.size())) {
             if (layout_.exact_length) {
@@ -147,8 +149,8 @@ class GzipSource : public RawBase {
     StreamedNumbers numbers_;
 };
 
-/// Numbers that were unpacked to temporary space, which is kept as long as they are read. Who they
-/// are, the packed file says.
+/// Numbers decompressed to temporary space, which exists as long as this source. Their identity is
+/// that of the compressed file.
 class UnpackedNumbers : public DescribedSource {
   public:
     UnpackedNumbers(std::unique_ptr<VolumeSource> inner, ScratchFile copy, InputFile file,
@@ -168,8 +170,8 @@ class UnpackedNumbers : public DescribedSource {
     RawLayout layout_;
 };
 
-/// For axes in an order that a stream cannot be read in. The array, not what is around it, is
-/// copied to the system's folder for temporary files.
+/// For axis orders in which a stream cannot be read. Only the array itself is copied to the
+/// system's folder for temporary files.
 std::unique_ptr<VolumeSource> open_unpacked(const InputFile& file, const std::string& name,
                                             const RawLayout& layout) {
     StreamedNumbers numbers(file, name, layout);
@@ -190,7 +192,7 @@ std::unique_ptr<VolumeSource> open_unpacked(const InputFile& file, const std::st
     return std::make_unique<UnpackedNumbers>(std::move(source), std::move(copy), file, layout);
 }
 
-/// The numbers are not compressed. The layout's `offset` becomes that of the file.
+/// For uncompressed numbers. The layout's `offset` becomes relative to the file.
 void place_plain(const std::string& name, std::uint64_t size, RawLayout& layout) {
     const std::uint64_t need = data_bytes(layout);
     const std::uint64_t skipped = layout.offset;
@@ -266,13 +268,192 @@ std::unique_ptr<VolumeSource> open_raw(const InputFile& file, const std::string&
         throw Error(ErrorKind::corrupt, {name, fmt::format("byte {}", layout.start)},
                     "the header says encoding raw, but a gzip stream starts here");
     }
-    if (file.is_far()) {
-        return open_far_numbers(file, name, layout);
+    if (file.is_remote()) {
+        return open_remote_numbers(file, name, layout);
     }
     if (layout.strides) {
         return open_strided(file.path(), name, layout);
     }
     return std::make_unique<PlainSource>(file.path(), name, layout);
+}
+
+namespace {
+
+class ReaderSource : public RawBase {
+  public:
+    ReaderSource(std::unique_ptr<ByteReader> bytes, const std::string& name,
+                 const RawLayout& layout, const InputFile& file)
+        : RawBase(file, name, layout), bytes_(std::move(bytes)) {}
+    [[nodiscard]] bool sequential() const override { return bytes_->sequential(); }
+    [[nodiscard]] std::uint64_t heap() const override { return RawBase::heap() + bytes_->heap(); }
+
+  private:
+    void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        bytes_->read(at, dst, bytes);
+    }
+    void after_last() override { bytes_->finish(); }
+    std::unique_ptr<ByteReader> bytes_;
+};
+
+}  // namespace
+
+std::unique_ptr<VolumeSource> open_bytes(std::unique_ptr<ByteReader> bytes, const std::string& name,
+                                         const RawLayout& layout, const InputFile& file) {
+    check_nodes(name, layout);
+    const std::uint64_t need = layout.offset + data_bytes(layout);
+    if (bytes->size() < need) {
+        throw Error(ErrorKind::corrupt, {name},
+                    fmt::format("{} need {} bytes, but there are {}", text_of_nodes(layout), need,
+                                bytes->size()));
+    }
+    if (bytes->sequential() && !is_nested(layout)) {
+        throw Error(ErrorKind::unsupported, {name},
+                    "its axes are stored in another order, which a stream cannot be read in");
+    }
+    return std::make_unique<ReaderSource>(std::move(bytes), name, layout, file);
+}
+
+namespace {
+
+class StridedFile : public VolumeSource {
+  public:
+    StridedFile(const std::filesystem::path& path, std::string name, const RawLayout& layout)
+        : path_(path), name_(std::move(name)), layout_(layout), map_(path) {
+        const auto value =
+            layout.strides_in_bytes ? 1 : static_cast<std::int64_t>(size_of(layout.type));
+        MemoryLayout memory;
+        memory.strides = *layout.strides * value;
+        memory.name = name_;
+        volume_.emplace(
+            map_.bytes().data() + layout.offset + layout.first * static_cast<std::uint64_t>(value),
+            layout.type, layout.nodes, memory);
+    }
+    [[nodiscard]] VolumeDescription describe() const override {
+        return {layout_.nodes,     layout_.type, layout_.spacing, layout_.origin, name_,
+                layout_.direction, false,        layout_.unit,    layout_.frame};
+    }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
+        return local_files({path_, layout_.header});
+    }
+    [[nodiscard]] std::string identity() const override { return identity_of_raw(path_, layout_); }
+    /// Reads together what is contiguous in the file.
+    [[nodiscard]] Granularity granularity() const override {
+        return layout_.strides->z < layout_.strides->y ? Granularity{layout_.nodes.z, 1}
+                                                       : Granularity{};
+    }
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        volume_->read(z0, nz, y0, ny, dst);
+        const std::size_t value = size_of(layout_.type);
+        if (layout_.big_endian && value > 1) {
+            swap_bytes(dst, static_cast<std::uint64_t>(nz * ny * layout_.nodes.x) * value, value);
+        }
+    }
+
+  private:
+    std::filesystem::path path_;
+    std::string name_;
+    RawLayout layout_;
+    MappedFile map_;
+    std::optional<MemoryVolume> volume_;
+};
+
+}  // namespace
+
+std::unique_ptr<VolumeSource> open_strided(const std::filesystem::path& path,
+                                           const std::string& name, const RawLayout& layout) {
+    return std::make_unique<StridedFile>(path, name, layout);
+}
+
+namespace {
+
+/// File offset of the numbers in an uncompressed file.
+std::uint64_t start_of_piece(const InputFile& file, const RawLayout& layout, std::uint64_t piece) {
+    const std::uint64_t size = regular_file_size(file);
+    const std::uint64_t start = behind_lines(file, file.name(), layout.start, layout.lines);
+    const bool fits =
+        size >= start && size - start >= piece && size - start - piece >= layout.offset;
+    if (!fits) {
+        throw Error(
+            ErrorKind::invalid_argument, {file.name()},
+            fmt::format("its part of the numbers needs {} bytes behind {} that are skipped, "
+                        "but the file has {}",
+                        piece, start + layout.offset, size));
+    }
+    return layout.offset_from_end ? size - piece : start + layout.offset;
+}
+
+}  // namespace
+
+bool is_numbered(const std::string& pattern) {
+    constexpr std::size_t kMaxDigits = 2;
+    const std::size_t sign = pattern.find('%');
+    const std::size_t letter = pattern.find_first_not_of("0123456789", sign + 1);
+    return sign != std::string::npos && letter != std::string::npos && pattern[letter] == 'd' &&
+           letter - sign - 1 <= kMaxDigits && pattern.find('%', letter) == std::string::npos;
+}
+
+std::vector<std::string> numbered_names(const std::string& pattern, std::int64_t first,
+                                        std::int64_t last, std::int64_t step) {
+    constexpr std::int64_t kMax = std::int64_t{1} << 31U;
+    if (!is_numbered(pattern) || step == 0 || std::abs(first) > kMax || std::abs(last) > kMax ||
+        std::abs(step) > kMax || (step > 0 ? last < first : last > first) ||
+        static_cast<std::uint64_t>((last - first) / step) >= kMaxPieces) {
+        return {};
+    }
+    const std::size_t sign = pattern.find('%');
+    const std::size_t letter = pattern.find('d', sign);
+    const std::string digits = pattern.substr(sign + 1, letter - sign - 1);
+    const int width = digits.empty() ? 0 : std::stoi(digits);
+    std::vector<std::string> names;
+    for (std::int64_t i = 0; i <= (last - first) / step; ++i) {
+        const std::int64_t number = first + i * step;
+        names.push_back(pattern.substr(0, sign) +
+                        (digits.starts_with('0') ? fmt::format("{:0{}}", number, width)
+                                                 : fmt::format("{:{}}", number, width)) +
+                        pattern.substr(letter + 1));
+    }
+    return names;
+}
+
+std::vector<InputFile> pieces_beside(const InputFile& header,
+                                     const std::vector<std::string>& names) {
+    if (header.is_remote()) {
+        throw Error(ErrorKind::unsupported, {header.name()},
+                    "its numbers are in several files, which are not read elsewhere",
+                    {{RemedyKind::download}});
+    }
+    std::vector<InputFile> files;
+    files.reserve(names.size());
+    for (const std::string& name : names) {
+        files.push_back(header.beside(name));
+    }
+    return files;
+}
+
+std::unique_ptr<ByteReader> bytes_of_pieces(const std::vector<InputFile>& files,
+                                            const RawLayout& layout, std::uint64_t piece) {
+    const bool packed = layout.packing == Packing::gzip || layout.packing == Packing::zlib;
+    if (packed && layout.offset_from_end) {
+        throw Error(ErrorKind::unsupported, {files.front().name()},
+                    "data that are the end of the file (byte skip: -1) do not go with compression");
+    }
+    for (const InputFile& file : files) {
+        if (packed) {
+            regular_file_size(file);
+        } else {
+            static_cast<void>(start_of_piece(file, layout, piece));
+        }
+    }
+    return joined_bytes(files, piece, packed, [layout, piece, packed](const InputFile& file) {
+        if (!packed) {
+            return file_bytes(file, start_of_piece(file, layout, piece), piece);
+        }
+        const std::uint64_t start = behind_lines(file, file.name(), layout.start, layout.lines);
+        return deflated_bytes({file, start, layout.offset, piece}, layout.packing == Packing::gzip
+                                                                       ? DeflateWrapper::gzip
+                                                                       : DeflateWrapper::zlib);
+    });
 }
 
 }  // namespace isonest::detail

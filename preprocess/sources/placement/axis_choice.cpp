@@ -11,19 +11,69 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/lower_case.h"
+#include "preprocess/sources/bytes/header_words.h"
 
 namespace isonest::detail {
 namespace {
 
-using Entries = std::vector<const AxisIndex*>;  ///< for each axis the one that is about it, or none
+/// "x: um, z: none".
+std::string text_of(const AxisUnits& axes) {
+    std::string text;
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (axes.at(a)) {
+            text += fmt::format("{}{}: {:.40}", text.empty() ? "" : ", ", "xyz"[a],
+                                axes.at(a)->empty() ? "none" : *axes.at(a));
+        }
+    }
+    return text;
+}
 
-/// Names that mean the same axis where a file has one of them alone.
+}  // namespace
+
+std::optional<std::string> counted_unit(std::int64_t nodes, const std::string& said) {
+    return nodes > 1 || length_unit_from(said) ? std::optional(said) : std::nullopt;
+}
+
+CommonUnit common_unit(const AxisUnits& axes) {
+    CommonUnit common;
+    if (std::none_of(axes.begin(), axes.end(),
+                     [](const auto& axis) { return axis && !axis->empty(); })) {
+        return common;
+    }
+    bool converted = false;
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (!axes.at(a)) {
+            continue;
+        }
+        const auto unit = length_unit_from(*axes.at(a));
+        if (!unit) {
+            return {.notes = {fmt::format("not all axes have a unit of length ({}): the unit of "
+                                          "the spacing is not known",
+                                          text_of(axes))}};
+        }
+        common.unit = common.unit.value_or(*unit);
+        common.of_axis.at(a) = unit;
+        converted = converted || unit != common.unit;
+    }
+    if (converted) {
+        common.notes.push_back(
+            fmt::format("the axes have different units ({}): all lengths are converted to {}",
+                        text_of(axes), symbol_of(*common.unit)));
+    }
+    return common;
+}
+
+namespace {
+
+/// For each axis its entry in the index; null if there is none.
+using Entries = std::vector<const AxisIndex*>;
+
+/// Synonyms: they mean the same axis if a file has only one of them.
 constexpr std::array<std::array<std::string_view, 6>, 2> kSynonyms{
     {{"t", "time", "times", "frame", "frames", ""},
      {"c", "channel", "channels", "component", "components", "sample"}}};
 
-/// The row of kSynonyms that has a name in lower case; none: it has no synonyms.
+/// The row of kSynonyms that contains a name in lower case; none if it has no synonyms.
 std::optional<std::size_t> synonyms_of(const std::string& name) {
     for (std::size_t row = 0; row < kSynonyms.size(); ++row) {
         const auto& names = kSynonyms.at(row);
@@ -34,7 +84,7 @@ std::optional<std::size_t> synonyms_of(const std::string& name) {
     return std::nullopt;
 }
 
-/// A number as an axis can be named by; none for other names.
+/// The number of an axis, if it is named by number; none for other names.
 std::optional<std::int64_t> number_of(const std::string& name) {
     std::int64_t number = 0;
     const char* const end = name.data() + name.size();
@@ -43,7 +93,7 @@ std::optional<std::int64_t> number_of(const std::string& name) {
                                                               : std::nullopt;
 }
 
-/// All axes that a name means; several where it is not clear.
+/// All axes that a name can mean; several if it is ambiguous.
 std::vector<std::size_t> axes_of_name(std::span<const ArrayAxis> axes, const std::string& name) {
     const auto matching = [&](const auto& matches) {
         std::vector<std::size_t> found;
@@ -71,8 +121,7 @@ std::vector<std::size_t> axes_of_name(std::span<const ArrayAxis> axes, const std
     return found;
 }
 
-/// What names an axis in an index: its name, where it is plain and means this axis alone, else its
-/// number.
+/// The name of an axis in an index: its own if that is plain and unique, otherwise its number.
 std::string index_name(std::span<const ArrayAxis> axes, std::size_t i) {
     const std::string& own = axes[i].name;
     const bool plain = std::all_of(own.begin(), own.end(), [](unsigned char c) {
@@ -87,8 +136,8 @@ bool is_whole(const AxisIndex* entry) {
     return entry != nullptr && !entry->at;
 }
 
-/// Indices with which the array would be read: positions 0 where one has to be chosen, and if the
-/// only axis of them may also be taken as a whole, that.
+/// Valid indices to propose: position 0 on axes that need a position; if that is a single axis
+/// which may also be selected as a whole, that, too.
 std::vector<Remedy> proposals(std::span<const ArrayAxis> axes, const Entries& entries) {
     std::vector<std::size_t> chosen;
     std::vector<std::size_t> left;
@@ -102,8 +151,8 @@ std::vector<Remedy> proposals(std::span<const ArrayAxis> axes, const Entries& en
         }
     }
     const bool may_be_whole = chosen.size() == 1 && left.size() < 3;
-    // Of too many axes those that are named as times or channels, then the slowest ones; last those
-    // of which the caller wants the whole.
+    // Too many axes: fix first those named as times or channels, then the slowest; last those that
+    // the caller wants as a whole.
     const auto rank = [&](std::size_t i) {
         return std::pair(!entries.empty() && is_whole(entries[i]),
                          !synonyms_of(lower(axes[i].name)).has_value());
@@ -198,10 +247,10 @@ std::string text_of(std::span<const ArrayAxis> axes) {
 
 ArrayPlace place_in_array(std::span<const ArrayAxis> axes, std::span<const AxisIndex> index,
                           const std::string& name, std::span<const std::uint64_t> strides) {
-    constexpr std::uint64_t kMost = std::uint64_t{1} << 60U;
+    constexpr std::uint64_t kMax = std::uint64_t{1} << 60U;
     ArrayPlace place;
     for (const ArrayAxis& axis : axes) {
-        if (axis.length < 1 || static_cast<std::uint64_t>(axis.length) > kMost / place.whole) {
+        if (axis.length < 1 || static_cast<std::uint64_t>(axis.length) > kMax / place.whole) {
             throw Error(ErrorKind::corrupt, {name},
                         fmt::format("an array of [{}] values cannot be", text_of(axes)));
         }

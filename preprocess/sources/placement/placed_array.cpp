@@ -8,11 +8,11 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/numbers/byte_source.h"
 #include "preprocess/sources/numbers/raw_source.h"
 #include "preprocess/sources/placement/placement.h"
-#include "preprocess/sources/wrapping/mirrored_source.h"
-#include "preprocess/sources/wrapping/noted_source.h"
+#include "preprocess/sources/wrapping/cropped_source.h"
+#include "preprocess/sources/wrapping/label_names.h"
+#include "store/base/vectors.h"
 
 namespace isonest::detail {
 namespace {
@@ -23,8 +23,8 @@ void set_place(const Placement& place, RawLayout& layout) {
     layout.direction = place.direction;
 }
 
-/// Axes that are no directions in space lie at right angles to the others. Gives the distance of
-/// their positions.
+/// Places axes that are not directions in space at right angles to the others. Returns the
+/// distances of their positions.
 Double3 place_what_is_no_space(const PlacedArray& array, const ChosenAxes& chosen,
                                std::array<Double3, 3>& steps) {
     Double3 apart{1, 1, 1};
@@ -58,7 +58,7 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
     layout.strides = place.strides;
     if (array.strides_in_bytes) {
         layout.strides_in_bytes = true;
-        layout.strides = place.strides.value_or(Int3{1, 1, 1});  // of one node alone
+        layout.strides = place.strides.value_or(Int3{1, 1, 1});  // a single node
     }
     layout.first = place.first;
     layout.whole = place.whole;
@@ -101,6 +101,8 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
                 if (!array.spacing_is_given) {
                     throw;
                 }
+            }
+            if (array.spacing_is_given && (!placement || !are_directions(placement->direction))) {
                 placement.emplace().origin = first;
                 lost = lost_by_own_spacing(layout.nodes, steps);
             }

@@ -1,5 +1,5 @@
-// An array of numbers in a file that stands in the world by an affine map: what the readers of
-// medical and microscopy headers have in common.
+// An array of numbers in a file with an affine map to the world: the common part of the readers of
+// medical and microscopy headers.
 #pragma once
 
 #include <array>
@@ -14,42 +14,42 @@
 
 #include "preprocess/sources/bytes/byte_reader.h"
 #include "preprocess/sources/bytes/input_file.h"
-#include "preprocess/sources/numbers/raw_layout.h"
+#include "preprocess/sources/numbers/raw_rows.h"
 #include "preprocess/sources/placement/axis_choice.h"
-#include "preprocess/sources/wrapping/converted_source.h"
-#include "preprocess/sources/wrapping/slice_scaled_source.h"
+#include "preprocess/sources/wrapping/scaled_source.h"
 
 namespace isonest::detail {
 
 struct PlacedArray {
-    InputFile file;               ///< with the numbers
+    InputFile file;               ///< the file with the numbers
     std::string name;             ///< for messages
     std::vector<ArrayAxis> axes;  ///< slowest first
-    /// Values from a position to the next on each axis; empty: the last axis is the fastest.
+    /// Values from one position to the next on each axis; empty: the last axis is the fastest.
     std::vector<std::uint64_t> strides = {};
-    bool strides_in_bytes = false;  ///< `strides` are bytes; then there are some
-    RawLayout layout = {};          ///< all but nodes, strides, first, whole and the place
-    /// Numbers of a type that volumes do not have; layout.type is set from it.
+    bool strides_in_bytes = false;  ///< `strides` are in bytes; then they are not empty
+    /// Everything except nodes, strides, first, whole and the place.
+    RawLayout layout = {};
+    /// Numbers of a type that volumes do not have; layout.type is then set from it.
     std::optional<StoredNumber> stored = {};
-    /// What is done to the stored numbers of the volume that `index` leaves; not with `stored`.
+    /// Scaling of the stored numbers of the volume that `index` leaves; not together with `stored`.
     std::optional<SliceScaling> scaling = {};
-    /// The world's step along each of `axes`, and where the array's first value lies. None: a step
-    /// of 1 along the world's axes, the fastest along x.
+    /// The step along each of `axes` in world coordinates, and the place of the array's first
+    /// value. Empty: steps of 1 along the world's axes, the fastest along x.
     std::vector<Double3> steps = {};
     Double3 first{0, 0, 0};
-    /// For each of `axes` that is no direction in space the distance of its positions, if somebody
-    /// takes the whole axis; 0 or none: 1.
+    /// For each of `axes` that is not a direction in space, the distance of its positions, for when
+    /// the whole axis is selected; 0 or empty: 1.
     std::vector<double> apart = {};
-    /// The caller gives a spacing: steps that are sheared are ignored, not refused.
+    /// The caller gives a spacing: sheared or invalid steps are ignored.
     bool spacing_is_given = false;
-    /// The user gives the spacing: of the steps only where the first sample lies is taken, and what
-    /// is lost of them becomes a note.
+    /// The user gives the spacing: only the place of the first sample is taken from the steps, and
+    /// a note says what is lost of them.
     bool own_spacing = false;
 };
 
-/// The volume that `index` leaves of it. Axes that run backward are turned around.
-/// `bytes`: what makes the array's bytes; none: they are in its file.
-/// Throws as choose_axes(), place_in_world(), open_raw() and open_bytes() do.
+/// The volume that `index` selects from the array. Axes that run backward are reversed.
+/// `bytes`: makes the array's bytes; null: they are in its file.
+/// Throws like choose_axes(), place_in_world(), open_raw() and open_bytes().
 std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
                                           std::span<const AxisIndex> index,
                                           std::unique_ptr<ByteReader> bytes = nullptr);

@@ -6,16 +6,51 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
 #include <vector>
 
 #include <isonest/error.h>
 
-#include "store/base/rotation.h"
+#include "preprocess/sources/placement/axis_choice.h"
+#include "preprocess/sources/wrapping/label_names.h"
+#include "store/base/vectors.h"
+#include "store/container/format.h"
 
 namespace isonest::detail {
+
+std::vector<std::string> note_of_spacing(const std::array<bool, 3>& said, const Int3& nodes,
+                                         const SourceOptions& options) {
+    if (options.spacing) {
+        return {};
+    }
+    std::string unsaid;
+    bool partly = false;
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (nodes[static_cast<int>(a)] == 1) {
+            continue;
+        }
+        if (said.at(a)) {
+            partly = true;
+        } else {
+            unsaid += fmt::format("{}{}", unsaid.empty() ? "" : " and ", "xyz"[a]);
+        }
+    }
+    if (unsaid.empty()) {
+        return {};
+    }
+    return {fmt::format("the file does not say the spacing{}{}: it was taken as 1",
+                        partly ? " along " : "", partly ? unsaid : "")};
+}
+
+std::unique_ptr<VolumeSource> without_spacing(std::unique_ptr<VolumeSource> inner,
+                                              const SourceOptions& options) {
+    const Int3 nodes = inner->describe().nodes;
+    return with_notes(std::move(inner), note_of_spacing({}, nodes, options));
+}
+
 namespace {
 
-constexpr double kMostShift = 0.1;  ///< of a voxel
+constexpr double kMaxShift = 0.1;  ///< in voxels
 
 double length_of(const Double3& a) {
     return std::hypot(a[0], a[1], a[2]);
@@ -31,8 +66,8 @@ double cells_along(const Int3& nodes, std::size_t axis) {
     return static_cast<double>(std::max<std::int64_t>(nodes[static_cast<int>(axis)] - 1, 1));
 }
 
-/// At a right angle to `v`: of the world's axes from `first` on, the one that is most so, made
-/// exact. That axis itself if `v` is zero.
+/// A vector at a right angle to `v`: the most nearly perpendicular world axis, from `first` on,
+/// made exact. That axis itself if `v` is zero.
 Double3 perpendicular(const Double3& v, std::size_t first) {
     const double length = length_of(v);
     std::size_t best = first;
@@ -53,14 +88,14 @@ bool is_along_world(const Int3& nodes, const std::array<Double3, 3>& steps) {
                 a == world ? std::copysign(length_of(steps.at(a)), steps.at(a).at(world)) : 0;
             shift += std::fabs(steps.at(a).at(world) - along) * cells_along(nodes, a);
         }
-        if (!(shift < kMostShift * length_of(steps.at(world)))) {
+        if (!(shift < kMaxShift * length_of(steps.at(world)))) {
             return false;
         }
     }
     return true;
 }
 
-/// By Gram and Schmidt, from the longest axis on, whose steps move the far samples most.
+/// Gram-Schmidt, beginning with the longest axis, whose steps move distant samples most.
 Directions orthonormal(const Int3& nodes, const std::array<Double3, 3>& steps) {
     std::array<std::size_t, 3> order{0, 1, 2};
     std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
@@ -82,31 +117,12 @@ double degrees(double cosine) {
     return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / std::numbers::pi;
 }
 
-/// "x and z meet at 71.5 degrees": of the two axes that are furthest from a right angle.
-std::string sheared_axes(const Int3& nodes, const std::array<Double3, 3>& steps) {
-    double worst = 0;
-    std::string text;
-    for (std::size_t a = 0; a < 2; ++a) {
-        for (std::size_t b = a + 1; b < 3; ++b) {
-            const double angle = degrees(dot(steps.at(a), steps.at(b)) /
-                                         (length_of(steps.at(a)) * length_of(steps.at(b))));
-            constexpr double kRight = 90;
-            const bool flat = nodes[static_cast<int>(a)] == 1 || nodes[static_cast<int>(b)] == 1;
-            if (!flat && std::fabs(angle - kRight) > worst) {
-                worst = std::fabs(angle - kRight);
-                text = fmt::format("{} and {} meet at {:.4g} degrees", "xyz"[a], "xyz"[b], angle);
-            }
-        }
-    }
-    return text;
-}
-
-/// From the world's axes to these, degrees.
+/// The angle between the world's axes and these, in degrees.
 double turn_of(const Directions& d) {
     return degrees((d[0][0] + d[1][1] + d[2][2] - 1) / 2);
 }
 
-/// How far nodes lie from where spacings along the directions put them, added up over the axes.
+/// How far nodes are from where spacings along the directions put them, summed over the axes.
 double shift_from(const Int3& nodes, const std::array<Double3, 3>& steps,
                   const Directions& direction) {
     double shift = 0;
@@ -129,6 +145,26 @@ std::string text_of_turn(const Directions& direction) {
     return fmt::format("a rotation by {:.4g} degrees", turn_of(direction));
 }
 
+/// Makes the steps along axes of one node perpendicular to the other steps.
+void straighten_flat_axes(const Int3& nodes, std::array<Double3, 3>& steps) {
+    std::array<Double3, 3> others = steps;
+    for (std::size_t a = 0; a < 3; ++a) {
+        others.at(a) = nodes[static_cast<int>(a)] == 1 ? Double3{} : steps.at(a);
+    }
+    complete_steps(nodes, others);
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (nodes[static_cast<int>(a)] == 1) {
+            const double along = dot(others.at(a), steps.at(a)) < 0 ? -1 : 1;
+            steps.at(a) = times(others.at(a), along * length_of(steps.at(a)));
+        }
+    }
+}
+
+/// "a shear (...)".
+std::string text_of_shear(const Int3& nodes, const std::array<Double3, 3>& axes) {
+    return "a shear (" + sheared_axes(nodes, axes) + ")";
+}
+
 }  // namespace
 
 void complete_steps(const Int3& nodes, std::array<Double3, 3>& steps) {
@@ -147,7 +183,15 @@ void complete_steps(const Int3& nodes, std::array<Double3, 3>& steps) {
 }
 
 std::string lost_by_own_spacing(const Directions& direction) {
-    return direction == kAlongWorld ? "" : lost_text({text_of_turn(direction)});
+    std::vector<std::string> lost;
+    if (const Directions turn = own_directions(direction); turn != kAlongWorld) {
+        lost.push_back(text_of_turn(turn));
+    }
+    if (!are_directions(direction)) {
+        constexpr Int3 kSeveral{2, 2, 2};
+        lost.push_back(text_of_shear(kSeveral, direction));
+    }
+    return lost_text(lost);
 }
 
 std::string lost_by_own_spacing(const Int3& nodes, std::array<Double3, 3> steps) {
@@ -183,8 +227,8 @@ std::string lost_by_own_spacing(const Int3& nodes, std::array<Double3, 3> steps)
         lost.push_back(text_of_turn(direction));
     }
     const double least = std::min({length_of(steps[0]), length_of(steps[1]), length_of(steps[2])});
-    if (!(shift_from(nodes, steps, direction) < kMostShift * least)) {
-        lost.push_back("a shear (" + sheared_axes(nodes, steps) + ")");
+    if (!(shift_from(nodes, steps, direction) < kMaxShift * least)) {
+        lost.push_back(text_of_shear(nodes, steps));
     }
     return lost_text(lost);
 }
@@ -223,19 +267,28 @@ Placement place_in_world(const Int3& nodes, std::array<Double3, 3> steps, const 
         place.origin = sum(place.origin, times(steps[0], static_cast<double>(nodes.x - 1)));
         steps[0] = times(steps[0], -1);
     }
-    place.direction = orthonormal(nodes, steps);
     const double least = std::min({place.spacing[0], place.spacing[1], place.spacing[2]});
-    if (!(shift_from(nodes, steps, place.direction) < kMostShift * least)) {
+    const auto is_orthogonal = [&] {
+        place.direction = orthonormal(nodes, steps);
+        return shift_from(nodes, steps, place.direction) < kMaxShift * least;
+    };
+    if (is_orthogonal()) {
+        return place;
+    }
+    straighten_flat_axes(nodes, steps);
+    if (is_orthogonal()) {
+        return place;
+    }
+    for (std::size_t a = 0; a < 3; ++a) {
+        place.direction.at(a) = times(steps.at(a), 1 / place.spacing.at(a));
+    }
+    if (!span_space(place.direction)) {
         throw Error(ErrorKind::unsupported, {name},
-                    fmt::format("a sheared volume: {}, with the spacing {:.6g},{:.6g},{:.6g}; "
-                                "resample it. With a spacing of your own the axes are taken as at "
-                                "right angles, and the shear{} is lost",
+                    fmt::format("its axes nearly lie in a plane: {}, with the spacing "
+                                "{:.6g},{:.6g},{:.6g}. With a spacing of your own the axes are "
+                                "taken as at right angles",
                                 sheared_axes(nodes, steps), place.spacing[0], place.spacing[1],
-                                place.spacing[2],
-                                turn_of(place.direction) > 0.01
-                                    ? fmt::format(", with the rotation by {:.4g} degrees,",
-                                                  turn_of(place.direction))
-                                    : ""),
+                                place.spacing[2]),
                     {{RemedyKind::place_in_world, "spacing"}});
     }
     return place;
@@ -252,6 +305,139 @@ Placement with_z_as_it_runs(const Placement& place, const Int3& nodes) {
     result.origin[0] += place.spacing[0] * static_cast<double>(nodes.x - 1);
     result.origin[2] += place.spacing[2] * static_cast<double>(nodes.z - 1);
     return result;
+}
+
+namespace {
+
+constexpr double kMaxUneven = 0.1;    ///< in steps
+constexpr double kMinUneven = 0.001;  ///< in steps
+
+struct Evenness {
+    bool usable = false;  ///< the numbers are finite and not all equal
+    double step = 1;      ///< mean step; 1 for a single node
+    double shift = 0;     ///< maximum distance of a number from its evenly spaced place
+    double rounding = 0;  ///< maximum shift caused by rounding to float32
+};
+
+/// The maximum distance of the coordinates from `from`, `from` + `step` and so on.
+double max_shift(const std::vector<double>& numbers, double from, double step) {
+    double most = 0;
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+        most = std::max(most, std::fabs(numbers[i] - from - static_cast<double>(i) * step));
+    }
+    return most;
+}
+
+Evenness evenness_of(const std::vector<double>& numbers) {
+    Evenness even;
+    double largest = 0;
+    for (const double number : numbers) {
+        if (!std::isfinite(number)) {
+            return even;
+        }
+        largest = std::max(largest, std::fabs(number));
+    }
+    if (numbers.size() < 2) {
+        even.usable = !numbers.empty();
+        return even;
+    }
+    constexpr double kOfFloat = 0x1p-23;  // twice half a unit in the last place
+    even.rounding = largest * kOfFloat;
+    even.step = (numbers.back() - numbers.front()) / static_cast<double>(numbers.size() - 1);
+    even.shift = max_shift(numbers, numbers.front(), even.step);
+    even.usable =
+        std::isfinite(even.step) && std::isfinite(even.shift) && (even.step != 0 || even.shift > 0);
+    return even;
+}
+
+/// The note about a caller's spacing along an axis with uneven coordinates.
+std::string note_of_given(const AxisCoordinates& axis, const Evenness& even, double spacing,
+                          double factor) {
+    const double step = std::copysign(spacing, even.step) / factor;
+    const double from =
+        even.step < 0 ? axis.numbers.back() - step * static_cast<double>(axis.numbers.size() - 1)
+                      : axis.numbers.front();
+    return fmt::format(
+        "the coordinates '{}' are not evenly spaced: with the spacing that is given, nodes lie up "
+        "to {:.3g} away from theirs",
+        axis.name, max_shift(axis.numbers, from, step));
+}
+
+}  // namespace
+
+CoordinatePlace place_by_coordinates(const std::array<std::optional<AxisCoordinates>, 3>& axes,
+                                     const Int3& nodes, const SourceOptions& options,
+                                     const std::string& name) {
+    std::array<Evenness, 3> even{};
+    AxisUnits units;
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (axes.at(a)) {
+            even.at(a) = evenness_of(axes.at(a)->numbers);
+            units.at(a) =
+                counted_unit(nodes[static_cast<int>(a)], even.at(a).usable ? axes.at(a)->unit : "");
+        }
+    }
+    const CommonUnit common = common_unit(units);
+    CoordinatePlace place;
+    place.unit = common.unit;
+    place.notes = common.notes;
+    const AxisCoordinates* uneven = nullptr;
+    const Evenness* how = nullptr;
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (!axes.at(a) || axes.at(a)->numbers.empty()) {
+            continue;
+        }
+        const AxisCoordinates& axis = *axes.at(a);
+        const Evenness& e = even.at(a);
+        if (!e.usable) {
+            place.notes.push_back(fmt::format("the coordinates '{}' {}: they place nothing",
+                                              axis.name,
+                                              std::all_of(axis.numbers.begin(), axis.numbers.end(),
+                                                          [](double c) { return std::isfinite(c); })
+                                                  ? "are all the same"
+                                                  : "are not all numbers"));
+            continue;
+        }
+        if (!common.places(a)) {
+            continue;
+        }
+        const bool alone = axis.numbers.size() < 2;
+        place.said.at(a) = !alone;
+        place.step.at(a) = alone ? 1 : common.converted(a, e.step);
+        place.first.at(a) = common.converted(a, axis.numbers.front());
+        if (!(e.shift < kMaxUneven * std::fabs(e.step))) {
+            if (options.spacing) {
+                place.notes.push_back(
+                    note_of_given(axis, e, options.spacing->at(a), common.converted(a, 1)));
+                // Coordinates that end where they begin have no mean step.
+                place.step.at(a) = e.step == 0 ? 1 : place.step.at(a);
+            } else if (uneven == nullptr) {
+                uneven = &axis;
+                how = &e;
+            }
+        } else if (e.shift > std::max(kMinUneven * std::fabs(e.step), e.rounding) &&
+                   !options.spacing) {
+            place.notes.push_back(
+                fmt::format("the coordinates '{}' are not quite evenly spaced: nodes lie up to "
+                            "{:.3g}, {:.2g} of a step, away from theirs",
+                            axis.name, e.shift, e.shift / std::fabs(e.step)));
+        }
+    }
+    if (uneven != nullptr) {
+        std::array<double, 3> spacing{};
+        for (std::size_t a = 0; a < 3; ++a) {
+            spacing.at(a) = place.step.at(a) == 0 ? 1 : std::fabs(place.step.at(a));
+        }
+        throw Error(
+            ErrorKind::unsupported, {name},
+            fmt::format("the coordinates '{}' are not evenly spaced ({:.6g}, {:.6g}, ... {:.6g}): "
+                        "with their mean spacing, {:.6g},{:.6g},{:.6g} (x,y,z), nodes would lie "
+                        "up to {:.3g} away from theirs",
+                        uneven->name, uneven->numbers[0], uneven->numbers[1],
+                        uneven->numbers.back(), spacing[0], spacing[1], spacing[2], how->shift),
+            {{RemedyKind::place_in_world, "spacing"}});
+    }
+    return place;
 }
 
 }  // namespace isonest::detail

@@ -1,9 +1,8 @@
-#include "preprocess/sources/tiff/tiff_format.h"
-
 #include <algorithm>
 #include <string_view>
 
-#include "preprocess/sources/bytes/natural_order.h"
+#include "preprocess/sources/bytes/header_words.h"
+#include "preprocess/sources/volume_format.h"
 
 #if ISONEST_WITH_TIFF
 
@@ -14,25 +13,25 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/file_identity.h"
+#include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/numbers/raw_source.h"
-#include "preprocess/sources/placement/unsaid_spacing.h"
+#include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/tiff/tiff_axes.h"
 #include "preprocess/sources/tiff/tiff_pages.h"
-#include "preprocess/sources/wrapping/noted_source.h"
+#include "preprocess/sources/wrapping/label_names.h"
 
 namespace isonest::detail {
 namespace {
 
-/// A volume of pages: plane z is page first + z * step, or what `order` has there.
+/// A volume of pages: plane z is page first + z * step, or the one that `order` has at that index.
 struct PagePlace {
     Int3 nodes;
     std::vector<std::int64_t> order;
     std::int64_t first = 0;
     std::int64_t step = 1;
     std::int64_t sample = 0;
-    std::int64_t sample_step = 0;  ///< to that of the next plane
-    bool is_stack = true;          ///< the planes are slices, or there is one alone
+    std::int64_t sample_step = 0;  ///< from one plane to the next
+    bool is_stack = true;          ///< the planes are slices, or there is only one
     std::vector<std::string> notes = {};
 };
 
@@ -95,7 +94,7 @@ PagePlace place_of(const std::vector<ArrayAxis>& page_axes, const TiffPage& page
     }
     ChosenAxes chosen = choose_axes(axes, options.index, name);
     const std::size_t y = page_axes.size();
-    // x and y are those of the pages; z is one of the others.
+    // x and y are axes of the pages; z is one of the others.
     std::optional<std::size_t> z;
     bool whole = true;
     for (const auto& axis : chosen.axis) {
@@ -137,14 +136,14 @@ PagePlace place_of(const std::vector<ArrayAxis>& page_axes, const TiffPage& page
     return place;
 }
 
-/// Of a page; 0 if that is more than a file can have.
+/// Values of a page; 0 if that is more than a file can have.
 std::int64_t values_of(const TiffPage& page) {
-    constexpr std::int64_t kMost = std::int64_t{1} << 60U;
+    constexpr std::int64_t kMax = std::int64_t{1} << 60U;
     const std::int64_t row = page.width * page.samples;
-    return page.height > kMost / row ? 0 : page.height * row;
+    return page.height > kMax / row ? 0 : page.height * row;
 }
 
-/// The images follow the first page's numbers.
+/// For images that are stored after the first page's numbers.
 std::unique_ptr<VolumeSource> open_images(const TiffPages& pages, const PagePlace& place,
                                           const Double3& spacing, std::optional<LengthUnit> unit,
                                           const std::string& name) {
@@ -228,7 +227,7 @@ std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOp
     std::vector<std::string> notes = pages->notes();
     notes.insert(notes.end(), place.notes.begin(), place.notes.end());
     notes.insert(notes.end(), axes.unit.notes.begin(), axes.unit.notes.end());
-    // Of a z that is no direction in space, a note says it already.
+    // For a z that is not a direction in space, another note says so already.
     said.at(2) = said.at(2) || !place.is_stack;
     const std::vector<std::string> unsaid = note_of_spacing(said, place.nodes, options);
     notes.insert(notes.end(), unsaid.begin(), unsaid.end());

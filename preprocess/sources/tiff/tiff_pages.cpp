@@ -13,12 +13,12 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/bytes/input_file.h"
 
 namespace isonest::detail {
 namespace {
 
-constexpr std::size_t kMostPages = 1000000;
+constexpr std::size_t kMaxPages = 1000000;
 
 std::string message(const char* module, const char* format, va_list args) {
     std::array<char, 512> text{};
@@ -33,8 +33,8 @@ int keep_message(TIFF* /*file*/, void* to, const char* module, const char* forma
     return 1;
 }
 
-/// Keeps a warning that a tag is left out, or read in spite of its type, by which numbers would be
-/// others.
+/// Keeps warnings about tags that were ignored, or read despite a wrong type, if they change the
+/// meaning of numbers.
 int keep_warning(TIFF* /*file*/, void* to, const char* module, const char* format, va_list args) {
     constexpr std::array<std::string_view, 12> kTags{"BitsPerSample",
                                                      "Compression",
@@ -69,13 +69,13 @@ std::size_t bytes_of(const TiffPage& page) {
     return size_of(page.stored ? bits_type(*page.stored) : page.type);
 }
 
-/// Of `columns` values of a row, all samples of a pixel together or one.
+/// Bytes of `columns` values of a row, with `samples` samples per pixel.
 std::size_t stored_bytes(const TiffPage& page, std::int64_t columns, std::int64_t samples) {
     return page.bits ? static_cast<std::size_t>((columns + 7) / 8)
                      : static_cast<std::size_t>(columns * samples) * bytes_of(page);
 }
 
-/// MetaMorph's tag UIC2 has a number for each plane.
+/// MetaMorph's tag UIC2 contains one number per plane.
 std::int64_t planes_of_metamorph(TIFF* file) {
     constexpr std::uint32_t kUic2 = 33629;
     std::uint32_t count = 0;
@@ -85,8 +85,7 @@ std::int64_t planes_of_metamorph(TIFF* file) {
     return has ? std::max<std::int64_t>(count, 1) : 1;
 }
 
-/// Rows of the page that lie in one strip, or beside each other in tiles, which may be taller than
-/// the page.
+/// Rows of the page in one strip, or in a row of tiles, which may be taller than the page.
 std::int64_t rows_of_part(TIFF* file, std::int64_t height) {
     constexpr std::uint32_t kAll = std::numeric_limits<std::uint32_t>::max();
     return std::min<std::int64_t>(
@@ -99,9 +98,11 @@ std::int64_t rows_of_part(TIFF* file, std::int64_t height) {
 std::string TiffPage::text() const {
     return fmt::format("{} x {}{} {}", width, height,
                        samples > 1 ? fmt::format(" x {} samples", samples) : "",
-                       bits     ? "bits"
-                       : stored ? "float16 or 64-bit integers"
-                                : std::string(name_of(type)));
+                       bits                           ? "bits"
+                       : !stored                      ? std::string(name_of(type))
+                       : *stored == StoredNumber::f16 ? "float16"
+                       : *stored == StoredNumber::i64 ? "int64"
+                                                      : "uint64");
 }
 
 TiffPages::TiffPages(std::vector<std::filesystem::path> files, std::uint64_t max_heap)
@@ -151,14 +152,14 @@ void TiffPages::list(std::uint32_t file) {
     open(file);
     Place place{file, 0, 0};
     do {
-        if (seen_.size() >= kMostPages) {
+        if (seen_.size() >= kMaxPages) {
             throw Error(ErrorKind::unsupported, {files_[file].string()},
-                        fmt::format("more than {} pages", kMostPages));
+                        fmt::format("more than {} pages", kMaxPages));
         }
         place.directory = TIFFCurrentDirOffset(file_.get());
         const auto kind = tag_or<std::uint32_t>(file_.get(), TIFFTAG_SUBFILETYPE, 0);
         const auto old = tag_or<std::uint16_t>(file_.get(), TIFFTAG_OSUBFILETYPE, 0);
-        // Small copies of an image, for viewers, and masks are no slices.
+        // Reduced copies of an image, for viewers, and masks are not slices.
         if ((kind & FILETYPE_REDUCEDIMAGE) != 0 || old == OFILETYPE_REDUCEDIMAGE) {
             leave_out(place, "a reduced image");
         } else if ((kind & FILETYPE_MASK) != 0) {
@@ -203,8 +204,8 @@ void TiffPages::note_what_is_left_out() {
                                  left_out_count_ == 1 ? " is" : "s are", text));
 }
 
-/// Previews are at most half as wide and as high as the pages that they show, and stand before or
-/// behind them in a file.
+/// Previews are at most half as wide and as high as the pages that they show, and come before or
+/// after them in a file.
 void TiffPages::choose() {
     const auto area = [](const Kind& kind) {
         return static_cast<double>(kind.page.width) * static_cast<double>(kind.page.height);
@@ -222,10 +223,13 @@ void TiffPages::choose() {
         throw Error(ErrorKind::unsupported,
                     {files_[place.file].string(), fmt::format("page {}", place.number)}, problem);
     };
+    const auto is_main = [&](const Seen& s) { return s.kind == main_kind; };
+    if (!main->problem.empty()) {
+        refuse(std::find_if(seen_.begin(), seen_.end(), is_main)->place, main->problem);
+    }
     for (auto from = seen_.begin(); from != seen_.end();) {
         const auto to = std::find_if(
             from, seen_.end(), [&](const Seen& s) { return s.place.file != from->place.file; });
-        const auto is_main = [&](const Seen& s) { return s.kind == main_kind; };
         const auto first = std::find_if(from, to, is_main);
         auto last = to;
         while (last != first && !is_main(*(last - 1))) {
@@ -234,9 +238,6 @@ void TiffPages::choose() {
         for (auto s = from; s != to; ++s) {
             const Kind& kind = kinds_[s->kind];
             if (is_main(*s)) {
-                if (!kind.problem.empty()) {
-                    refuse(s->place, kind.problem);
-                }
                 places_.push_back(s->place);
                 continue;
             }
@@ -268,7 +269,7 @@ void TiffPages::choose() {
     kinds_ = {};
 }
 
-/// What the first page says of all.
+/// Reads what the first page says about all pages.
 void TiffPages::read_first() {
     const auto description_at = [this] {
         const char* text = nullptr;
@@ -293,7 +294,7 @@ void TiffPages::read_first() {
         notes_.emplace_back(
             "larger values are meant to be shown darker (MinIsWhite); they are as stored");
     }
-    // The description of a file may be that of its preview.
+    // The description of a file may be in its preview.
     if (description_.empty() && places_.front().number > 0 && TIFFSetDirectory(t, 0) == 1) {
         description_ = description_at();
     }
@@ -312,19 +313,19 @@ std::optional<std::int64_t> TiffPages::page_of(std::size_t file, std::int64_t di
 }
 
 void TiffPages::look_at(const Place& place) {
-    constexpr std::size_t kMostKinds = 1000;
+    constexpr std::size_t kMaxKinds = 1000;
     Kind kind = kind_of(place);
     const auto same = [&](const Kind& k) {
         return k.page == kind.page && k.problem == kind.problem;
     };
-    // Pages that follow each other are mostly alike.
+    // Consecutive pages are usually alike.
     auto found = !seen_.empty() && same(kinds_[seen_.back().kind])
                      ? kinds_.begin() + seen_.back().kind
                      : std::find_if(kinds_.begin(), kinds_.end(), same);
     if (found == kinds_.end()) {
-        if (kinds_.size() >= kMostKinds) {
+        if (kinds_.size() >= kMaxKinds) {
             throw Error(ErrorKind::unsupported, {files_[place.file].string()},
-                        fmt::format("pages of more than {} sizes or types", kMostKinds));
+                        fmt::format("pages of more than {} sizes or types", kMaxKinds));
         }
         kinds_.push_back(kind);
         found = kinds_.end() - 1;
@@ -483,7 +484,7 @@ void TiffPages::read_row(std::int64_t page, std::int64_t y, std::int64_t sample,
     const std::size_t pixel = static_cast<std::size_t>(stored) * value;
     const std::byte* from = buffer_.data() + static_cast<std::size_t>(y - decoded_from_) *
                                                  stored_bytes(page_, page_.width, stored);
-    if (page_.bits) {  // the first one is the highest, whatever the file's fill order is
+    if (page_.bits) {  // highest bit first, whatever the file's fill order is
         for (std::int64_t x = 0; x < page_.width; ++x) {
             dst[x] = from[x / 8] >> static_cast<unsigned>(7 - x % 8) & std::byte{1};
         }

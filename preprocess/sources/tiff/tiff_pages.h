@@ -13,7 +13,7 @@
 
 #include <isonest/value_type.h>
 
-#include "preprocess/sources/wrapping/converted_source.h"
+#include "preprocess/sources/wrapping/scaled_source.h"
 
 namespace isonest::detail {
 
@@ -23,18 +23,18 @@ struct TiffPage {
     std::int64_t height = 0;
     std::int64_t samples = 1;  ///< per pixel
     ValueType type = ValueType::u8;
-    std::optional<StoredNumber> stored;  ///< in place of the type
+    std::optional<StoredNumber> stored;  ///< instead of the type
     bool bits = false;                   ///< each value is one bit in the file, 0 or 1
     [[nodiscard]] std::string text() const;
     bool operator==(const TiffPage&) const = default;
 };
 
-/// One file at a time is open. Thread-safety: one thread.
+/// Keeps one file open at a time. Thread-safety: one thread.
 class TiffPages {
   public:
-    /// Reads the headers of all pages of all files. Pages are those of the size and type that most
-    /// have; reduced images, masks, and previews at the beginning or end of a file are left out.
-    /// Throws Error{corrupt, io, unsupported} (another page that differs is named), Error{limit} if
+    /// Reads the headers of all pages of all files. Uses the pages with the most frequent size and
+    /// type; reduced images, masks, and previews at the beginning or end of a file are left out.
+    /// Throws Error{corrupt, io, unsupported} (naming any other page that differs), Error{limit} if
     /// a strip or a row of tiles takes more than `max_heap` bytes.
     TiffPages(std::vector<std::filesystem::path> files, std::uint64_t max_heap);
 
@@ -44,28 +44,28 @@ class TiffPages {
     [[nodiscard]] const std::string& description() const { return description_; }
     [[nodiscard]] double x_resolution() const { return resolution_[0]; }
     [[nodiscard]] double y_resolution() const { return resolution_[1]; }
-    /// Rows that are decoded together, of any page at most.
+    /// Maximum number of rows that are decoded together, over all pages.
     [[nodiscard]] std::int64_t rows() const { return rows_; }
-    /// Bytes that are held.
+    /// Bytes of memory that are held.
     [[nodiscard]] std::uint64_t heap() const;
-    /// The page that is a directory of a file, both by their numbers; none if it is not there, or a
-    /// smaller copy.
+    /// The page for a directory of a file, both by number; none if there is no such directory, or
+    /// it is a smaller copy.
     [[nodiscard]] std::optional<std::int64_t> page_of(std::size_t file,
                                                       std::int64_t directory) const;
-    /// The first page's numbers, all samples of a pixel together, lie in the file as they are, one
-    /// after the other, from here on.
+    /// Set if the first page's numbers are stored contiguously and uncompressed in the file, all
+    /// samples of a pixel together, from `offset` on.
     struct Plain {
         std::uint64_t offset;
         bool big_endian;
     };
     [[nodiscard]] std::optional<Plain> plain() const { return plain_; }
-    /// MetaMorph's stacks (.stk) have all planes behind the first page: how many, else 1.
+    /// In MetaMorph stacks (.stk), all planes follow the first page: their number; otherwise 1.
     [[nodiscard]] std::int64_t planes_of_stack() const { return planes_of_stack_; }
     [[nodiscard]] const std::vector<std::filesystem::path>& files() const { return files_; }
-    /// What is left out, and what the values mean.
+    /// About what is left out, and the meaning of the values.
     [[nodiscard]] const std::vector<std::string>& notes() const { return notes_; }
 
-    /// A sample of row `y`, native endianness, of the width. REQUIRES: they are there.
+    /// One sample of each pixel of row `y`, in native endianness. REQUIRES: they exist.
     void read_row(std::int64_t page, std::int64_t y, std::int64_t sample, std::byte* dst);
 
   private:
@@ -74,16 +74,16 @@ class TiffPages {
     };
     struct Place {
         std::uint32_t file;
-        std::uint64_t directory;  ///< its offset in the file
-        std::int64_t number;      ///< of the file's directories
+        std::uint64_t directory;  ///< file offset
+        std::int64_t number;      ///< number of the directory in its file
     };
-    /// Pages that are alike.
+    /// Pages of the same kind.
     struct Kind {
         TiffPage page;
         std::string problem;  ///< why such pages are not read; empty: they are
         std::int64_t count = 0;
-        std::int64_t rows = 1;    ///< that are decoded together, at most
-        std::uint64_t bytes = 0;  ///< of these
+        std::int64_t rows = 1;    ///< maximum number of rows that are decoded together
+        std::uint64_t bytes = 0;  ///< of these rows
         Place largest = {};       ///< a page with that many bytes
     };
     struct Seen {
@@ -108,7 +108,7 @@ class TiffPages {
 
     std::vector<std::filesystem::path> files_;
     std::uint64_t max_heap_;
-    std::vector<Seen> seen_;  ///< until they are chosen
+    std::vector<Seen> seen_;  ///< before the choice
     std::vector<Kind> kinds_;
     std::vector<std::string> left_out_;  ///< the first ones
     std::size_t left_out_count_ = 0;
@@ -122,14 +122,15 @@ class TiffPages {
     std::int64_t rows_ = 1;
     std::uint64_t buffer_bytes_ = 0;
     mutable std::string problem_;  ///< libtiff's last message
-    std::string warning_;          ///< its last one of a tag by which numbers would be others
+    /// Its last warning about a tag that changes the meaning of numbers.
+    std::string warning_;
     std::unique_ptr<TIFF, Close> file_;
     std::uint32_t open_ = ~std::uint32_t{0};
-    std::int64_t current_ = -1;   ///< the page whose directory is read
+    std::int64_t current_ = -1;   ///< the page whose directory was read
     bool tiled_ = false;          ///< of the current page
-    bool separate_ = false;       ///< its samples lie in planes of their own
-    std::int64_t part_rows_ = 1;  ///< of its strips or tiles
-    // What is decoded: rows of a page, all samples or one.
+    bool separate_ = false;       ///< its samples are in separate planes
+    std::int64_t part_rows_ = 1;  ///< rows per strip or tile
+    // Decoded rows of a page, with all samples or one.
     std::vector<std::byte> buffer_;
     std::vector<std::byte> tile_;
     std::int64_t decoded_page_ = -1;

@@ -9,7 +9,7 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/wrapping/wrapped_source.h"
-#include "store/base/rotation.h"
+#include "store/base/vectors.h"
 
 namespace isonest::detail {
 namespace {
@@ -25,7 +25,7 @@ class CroppedSource : public WrappedSource {
           nodes_(nodes),
           every_(every),
           value_(size_of(given_.type)) {
-        // What one read of the inner source gives: whole steps of it.
+        // What one read of the inner source returns: whole granularity steps.
         const std::int64_t row = given_.nodes.x * static_cast<std::int64_t>(value_);
         piece_ = {sequential() ? 1 : std::min(step_.planes, given_.nodes.z),
                   std::min(step_.rows, given_.nodes.y)};
@@ -48,6 +48,8 @@ class CroppedSource : public WrappedSource {
         for (std::size_t i = 0; i < 3; ++i) {
             result.origin.at(i) += shift.at(i);
         }
+        result.direction =
+            with_flat_axes_across(given_.direction, {nodes_.x == 1, nodes_.y == 1, nodes_.z == 1});
         return result;
     }
     [[nodiscard]] std::string identity() const override {
@@ -90,13 +92,13 @@ class CroppedSource : public WrappedSource {
     }
 
   private:
-    /// The smallest node of the part that lies at `at` or behind, along one axis.
+    /// The first node of the part that is at or after `at`, along one axis.
     [[nodiscard]] std::int64_t at_or_behind(std::int64_t at, int axis) const {
         return at <= lo_[axis] ? 0 : ceil_div(at - lo_[axis], every_[axis]);
     }
 
-    /// Takes from the inner planes [z, z + count) what belongs to planes [z0, z0 + nz) and rows
-    /// [y0, y0 + ny) of the part; without `dst` it only reads, all rows.
+    /// Copies the inner planes [z, z + count) that belong to planes [z0, z0 + nz) and rows [y0, y0
+    /// + ny) of the part; without `dst`, only reads all rows.
     void take_planes(std::int64_t z, std::int64_t count, std::int64_t z0, std::int64_t nz,
                      std::int64_t y0, std::int64_t ny, std::byte* dst) {
         const bool all = sequential();
@@ -150,7 +152,7 @@ class CroppedSource : public WrappedSource {
     std::size_t value_;
     std::size_t piece_bytes_ = 0;
     std::vector<std::byte> buffer_;
-    std::int64_t passed_ = 0;  ///< of a stream: planes that were read
+    std::int64_t passed_ = 0;  ///< for a stream: planes that were read
 };
 
 }  // namespace
@@ -183,6 +185,75 @@ std::unique_ptr<VolumeSource> cropped(std::unique_ptr<VolumeSource> inner,
         return inner;
     }
     return std::make_unique<CroppedSource>(std::move(inner), lo, size, every);
+}
+
+namespace {
+
+/// Reverses the order of `count` pieces of `size` bytes.
+void reverse_pieces(std::byte* bytes, std::int64_t count, std::int64_t size) {
+    for (std::int64_t i = 0; i < count / 2; ++i) {
+        std::swap_ranges(bytes + i * size, bytes + (i + 1) * size, bytes + (count - 1 - i) * size);
+    }
+}
+
+class MirroredSource : public WrappedSource {
+  public:
+    MirroredSource(std::unique_ptr<VolumeSource> inner, const std::array<bool, 3>& backward)
+        : WrappedSource(std::move(inner)),
+          nodes_(inner_source().describe().nodes),
+          value_(static_cast<std::int64_t>(size_of(inner_source().describe().type))),
+          backward_(backward) {
+        if (backward_[2] && inner_source().sequential() && nodes_.z > 1) {
+            throw Error(ErrorKind::unsupported, {inner_source().describe().name},
+                        "z runs from high to low in a compressed stream; store it without "
+                        "compression (encoding: raw)");
+        }
+    }
+    [[nodiscard]] std::string identity() const override {
+        return identity_and(
+            fmt::format("backward {} {} {}", backward_[0], backward_[1], backward_[2]));
+    }
+    [[nodiscard]] Granularity granularity() const override {
+        // In a stream with reversed rows, the first rows may be needed last, so whole planes are
+        // read.
+        return sequential() && backward_[1] ? Granularity{1, nodes_.y}
+                                            : inner_source().granularity();
+    }
+
+    void will_read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny) override {
+        inner_source().will_read(backward_[2] ? nodes_.z - z0 - nz : z0, nz,
+                                 backward_[1] ? nodes_.y - y0 - ny : y0, ny);
+    }
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        const Int3& n = nodes_;
+        inner_source().read(backward_[2] ? n.z - z0 - nz : z0, nz,
+                            backward_[1] ? n.y - y0 - ny : y0, ny, dst);
+        const std::int64_t row = n.x * value_;
+        for (std::int64_t i = 0; i < nz * ny && backward_[0]; ++i) {
+            reverse_pieces(dst + i * row, n.x, value_);
+        }
+        for (std::int64_t i = 0; i < nz && backward_[1]; ++i) {
+            reverse_pieces(dst + i * ny * row, ny, row);
+        }
+        if (backward_[2]) {
+            reverse_pieces(dst, nz, ny * row);
+        }
+    }
+
+  private:
+    Int3 nodes_;
+    std::int64_t value_;  ///< bytes
+    std::array<bool, 3> backward_;
+};
+
+}  // namespace
+
+std::unique_ptr<VolumeSource> mirrored(std::unique_ptr<VolumeSource> inner,
+                                       const std::array<bool, 3>& backward) {
+    return backward[0] || backward[1] || backward[2]
+               ? std::make_unique<MirroredSource>(std::move(inner), backward)
+               : std::move(inner);
 }
 
 }  // namespace isonest::detail

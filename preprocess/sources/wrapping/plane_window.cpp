@@ -39,10 +39,10 @@ PlaneWindow::PlaneWindow(VolumeSource& source, const VolumePart& part, std::int6
     first_plane_ = part.z_begin / step * step;
     const std::int64_t nz = part.z_end - first_plane_;
     const std::int64_t affordable = static_cast<std::int64_t>(budget) / plane_bytes_;
-    // Reads end at whole steps, and none is cut where the ring wraps around.
+    // Reads end at whole steps, and none is split where the ring wraps around.
     const std::int64_t needed = std::min(nz, ceil_div(planes + step - 1, step) * step);
     if (affordable >= needed) {
-        // Reading ahead: as far as the next planes that are needed at a time.
+        // Space for reading ahead: as far as the next planes that are needed at a time.
         const std::int64_t ahead = (2 * planes + step - 1) / step * step;
         capacity_ = std::min(nz, std::max(needed, std::min(ahead, affordable / step * step)));
         ring_bytes_ = static_cast<std::uint64_t>(capacity_ * plane_bytes_);
@@ -76,7 +76,7 @@ void PlaneWindow::spool(std::uint64_t budget, const std::filesystem::path& folde
     }
     std::vector<std::byte> buffer(static_cast<std::size_t>(piece));
     progress_.begin("copy input", static_cast<std::uint64_t>(plane_bytes_ * all_planes), "B");
-    // Pieces end at whole steps of the volume.
+    // Pieces end at multiples of the step.
     const auto next = [](std::int64_t at, std::int64_t size, std::int64_t begin, std::int64_t end) {
         return size >= end - begin ? end : std::min(end, (at / size + 1) * size);
     };
@@ -110,7 +110,7 @@ void PlaneWindow::read_until(std::int64_t z_end) {
     const std::int64_t nz = part_.z_end;
     const std::int64_t step = step_.planes;
     while (end_ < std::min(z_end, nz)) {
-        // Up to the next multiple of the step, as one read unless the ring wraps around.
+        // Up to the next multiple of the step, in one read unless the ring wraps around.
         std::int64_t to = std::min(nz, (end_ / step + 1) * step);
         if (step == 1) {
             to = std::min({nz, z_end, end_ + 16});
@@ -119,7 +119,7 @@ void PlaneWindow::read_until(std::int64_t z_end) {
         if (to <= end_) {
             return;
         }
-        // As far as the piece behind, of which there is one in any case.
+        // Announces up to the following piece; there is always one.
         const std::int64_t behind = std::min(nz, to + std::max<std::int64_t>(to - end_, step));
         source_.will_read(end_, behind - end_, part_.y_begin, part_.y_end - part_.y_begin);
         const std::int64_t slot = (end_ - first_plane_) % capacity_;
@@ -153,7 +153,7 @@ void PlaneWindow::prefetch(std::int64_t z_end) {
         return;
     }
     const std::int64_t step = step_.planes;
-    // Only whole steps: half of a compressed chunk would have to be decoded again.
+    // Only whole steps: a partly read compressed chunk would be decoded twice.
     std::int64_t to = std::min({z_end, begin_ + capacity_, part_.z_end});
     if (to < part_.z_end) {
         to = to / step * step;

@@ -1,9 +1,11 @@
-// A source that is another one but for what a derived class changes.
+// A source that wraps another one and changes some of it.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -12,8 +14,8 @@
 
 namespace isonest::detail {
 
-/// Forwards everything but mapped() and read(): who changes values has to say how. Who changes none
-/// derives from DescribedSource.
+/// Forwards everything except mapped() and read(), which a class that changes values must define. A
+/// class that does not change values derives from DescribedSource.
 class WrappedSource : public VolumeSource {
   public:
     [[nodiscard]] VolumeDescription describe() const override { return inner_->describe(); }
@@ -37,7 +39,7 @@ class WrappedSource : public VolumeSource {
   protected:
     explicit WrappedSource(std::unique_ptr<VolumeSource> inner) : inner_(std::move(inner)) {}
     [[nodiscard]] VolumeSource& inner_source() const { return *inner_; }
-    /// The inner identity and a line about what is changed; nothing if it cannot tell.
+    /// The inner identity with a line about what is changed; empty if the inner identity is.
     [[nodiscard]] std::string identity_and(const std::string& line) const {
         const std::string inner = inner_->identity();
         return inner.empty() ? inner : inner + (inner.back() == '\n' ? "" : "\n") + line + "\n";
@@ -45,6 +47,26 @@ class WrappedSource : public VolumeSource {
 
   private:
     std::unique_ptr<VolumeSource> inner_;
+};
+
+// A source with a changed description.
+
+/// Passes the inner values on unchanged; a derived class changes their description.
+class DescribedSource : public WrappedSource {
+  public:
+    [[nodiscard]] std::span<const std::byte> mapped() const final {
+        return inner_source().mapped();
+    }
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) final {
+        inner_source().read(z0, nz, y0, ny, dst);
+    }
+    /// The source that the values come from.
+    [[nodiscard]] VolumeSource& undescribed() const { return inner_source(); }
+
+  protected:
+    explicit DescribedSource(std::unique_ptr<VolumeSource> inner)
+        : WrappedSource(std::move(inner)) {}
 };
 
 }  // namespace isonest::detail

@@ -18,7 +18,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t kMostAxes = 32;
+constexpr std::size_t kMaxAxes = 32;
 
 class Description {
   public:
@@ -51,7 +51,7 @@ class Description {
     [[noreturn]] void unsupported(const std::string& what) const {
         throw Error(ErrorKind::unsupported, {array_.description.string()}, what);
     }
-    /// Null if it is not there.
+    /// Null if there is no such member.
     static const json& member(const json& object, const char* key) {
         static const json null;
         if (!object.is_object()) {
@@ -62,8 +62,8 @@ class Description {
     }
     [[nodiscard]] Lengths lengths(const json& list, const char* what) const {
         Lengths all;
-        if (!list.is_array() || list.size() > kMostAxes) {
-            corrupt(fmt::format("'{}' is no list of up to {} lengths", what, kMostAxes));
+        if (!list.is_array() || list.size() > kMaxAxes) {
+            corrupt(fmt::format("'{}' is no list of up to {} lengths", what, kMaxAxes));
         }
         for (const json& length : list) {
             if (!length.is_number_unsigned() || length.get<std::uint64_t>() < 1 ||
@@ -89,9 +89,9 @@ class Description {
         array_.chunk.big_endian = text.starts_with('>');
         set_type(text.empty() ? text : text.substr(1));
         const json& filters = member(d, "filters");
-        constexpr std::size_t kMostFilters = 32;
-        if (!filters.is_null() && (!filters.is_array() || filters.size() > kMostFilters)) {
-            corrupt(fmt::format("'filters' is no list of up to {}", kMostFilters));
+        constexpr std::size_t kMaxFilters = 32;
+        if (!filters.is_null() && (!filters.is_array() || filters.size() > kMaxFilters)) {
+            corrupt(fmt::format("'filters' is no list of up to {}", kMaxFilters));
         }
         for (const json& filter : filters.is_null() ? json::array() : filters) {
             array_.chunk.codecs.push_back(codec_of_v2(filter));
@@ -155,7 +155,8 @@ class Description {
         std::iota(chunk.order.begin(), chunk.order.end(), std::size_t{0});
     }
 
-    /// transpose* and filters of numbers, then bytes or sharding_indexed, then from bytes to bytes.
+    /// transpose* and filters of numbers, then bytes or sharding_indexed, then codecs from bytes to
+    /// bytes.
     void read_codecs(const json& list, const Lengths& shape, ZarrChunk& chunk, bool may_shard) {
         chunk.shape = shape;
         axes_in_order(chunk);
@@ -195,7 +196,7 @@ class Description {
     void transpose(const json& order, ZarrChunk& chunk) const {
         std::vector<std::size_t> axes;
         for (const json& axis : order.is_array() ? order : json::array()) {
-            axes.push_back(axis.is_number_unsigned() ? axis.get<std::size_t>() : kMostAxes);
+            axes.push_back(axis.is_number_unsigned() ? axis.get<std::size_t>() : kMaxAxes);
         }
         std::vector<std::size_t> sorted = axes;
         std::sort(sorted.begin(), sorted.end());
@@ -343,12 +344,12 @@ class Description {
         if (array_.shape.empty() || array_.chunk.shape.size() != array_.shape.size()) {
             corrupt("the array and its chunks have not the same number of axes, or none");
         }
-        constexpr std::uint64_t kMost = std::uint64_t{1} << 40U;
+        constexpr std::uint64_t kMax = std::uint64_t{1} << 40U;
         for (const Lengths* const lengths :
              {&array_.chunk.shape, array_.shard ? &array_.shard->shape : &array_.chunk.shape}) {
             std::uint64_t values = array_.value_bytes();
             for (const std::uint64_t length : *lengths) {
-                if (length > kMost / values) {
+                if (length > kMax / values) {
                     corrupt("a chunk of more than 2^40 bytes");
                 }
                 values *= length;

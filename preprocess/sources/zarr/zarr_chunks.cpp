@@ -12,13 +12,144 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/zarr/packed_chunks.h"
+#include "preprocess/sources/bytes/header_words.h"
 
 namespace isonest::detail {
 namespace {
 
-/// Chunks, or indices of shards, of which no more are announced at a time.
-constexpr std::uint64_t kMostAnnounced = 4096;
+constexpr std::uint64_t kEntry = 16;  ///< bytes of an index entry: offset, size
+constexpr std::uint64_t kNone = ~std::uint64_t{0};
+
+}  // namespace
+
+std::uint64_t product(const Lengths& lengths) {
+    std::uint64_t all = 1;
+    for (const std::uint64_t n : lengths) {
+        all *= n;
+    }
+    return all;
+}
+
+PackedChunks::PackedChunks(std::shared_ptr<ZarrFiles> files, const ZarrArray& array,
+                           std::string name)
+    : files_(std::move(files)),
+      array_(array),
+      name_(std::move(name)),
+      chunk_bytes_(product(array.chunk.shape) * array.value_bytes()),
+      max_bytes_(max_between(array.chunk.codecs, chunk_bytes_)) {
+    if (array.shard) {
+        for (std::size_t i = 0; i < array.shape.size(); ++i) {
+            per_shard_.push_back(array.shard->shape[i] / array.chunk.shape[i]);
+        }
+        index_bytes_ = product(per_shard_) * kEntry;
+    }
+}
+
+std::uint64_t PackedChunks::stored_index_bytes() const {
+    constexpr std::uint64_t kChecksum = 4;
+    return index_bytes_ + kChecksum * array_.shard->index_codecs.size();
+}
+
+std::string PackedChunks::where(const Lengths& chunk) const {
+    const std::string indices = fmt::format("chunk [{}]", fmt::join(chunk, ", "));
+    return files_->is_remote() && !array_.shard
+               ? fmt::format("{} ({})", indices,
+                             array_.file_of(chunk).native().substr(name_.size() + 1))
+               : indices;
+}
+
+PackedChunks::ShardIndex PackedChunks::unpacked(std::filesystem::path file,
+                                                ZarrIndexBytes bytes) const {
+    ShardIndex index;
+    index.size = bytes.file_size;
+    index.state = std::move(bytes.state);
+    const std::string shown =
+        files_->is_remote() ? file.native().substr(name_.size() + 1) : file.filename().string();
+    const std::vector<std::byte> entries =
+        decode_zarr(std::move(bytes.bytes), array_.shard->index_codecs, index_bytes_,
+                    name_ + ": index of " + shown);
+    index.entries.assign(reinterpret_cast<const char*>(entries.data()), entries.size());
+    index.file = std::move(file);
+    return index;
+}
+
+PackedChunks::ShardIndex PackedChunks::read_index(const Lengths& shard) const {
+    std::filesystem::path file = array_.file_of(shard);
+    std::optional<ZarrIndexBytes> bytes =
+        files_->index(file, stored_index_bytes(), array_.shard->index_at_end, name_);
+    if (!bytes) {
+        return {std::move(file), 0, {}};
+    }
+    return unpacked(std::move(file), *std::move(bytes));
+}
+
+std::optional<PackedChunks::ShardIndex> PackedChunks::index_at_hand(const Lengths& shard) const {
+    std::filesystem::path file = array_.file_of(shard);
+    std::optional<ZarrIndexBytes> bytes =
+        files_->index_at_hand(file, stored_index_bytes(), array_.shard->index_at_end);
+    return bytes ? std::optional(unpacked(std::move(file), *std::move(bytes))) : std::nullopt;
+}
+
+std::optional<ByteRange> PackedChunks::entry_of(const Lengths& chunk,
+                                                const ShardIndex& index) const {
+    if (index.entries.empty()) {
+        return std::nullopt;
+    }
+    std::uint64_t entry = 0;
+    for (std::size_t i = 0; i < chunk.size(); ++i) {
+        entry = entry * per_shard_[i] + chunk[i] % per_shard_[i];
+    }
+    const auto at = number_at<std::uint64_t>(index.entries, entry * kEntry, false);
+    const auto size = number_at<std::uint64_t>(index.entries, entry * kEntry + 8, false);
+    if (at == kNone && size == kNone) {
+        return std::nullopt;
+    }
+    return ByteRange{at, size};
+}
+
+std::vector<std::byte> PackedChunks::read(const Lengths& chunk, const ShardIndex* index) const {
+    const ZarrChunkPlace place{name_, where(chunk), max_bytes_};
+    if (index == nullptr) {
+        std::optional<std::vector<std::byte>> bytes = files_->chunk(array_.file_of(chunk), place);
+        if (bytes && bytes->empty()) {
+            throw Error(ErrorKind::corrupt, {name_, place.where}, "its file is too short");
+        }
+        return bytes ? *std::move(bytes) : std::vector<std::byte>();
+    }
+    const std::optional<ByteRange> range = entry_of(chunk, *index);
+    if (!range) {
+        return {};
+    }
+    check_packed(range->size, place);
+    if (!lies_within(range->offset, range->size, index->size)) {
+        throw Error(ErrorKind::corrupt, {name_, place.where}, "its shard's index leads beyond it");
+    }
+    return files_->range(index->file, *range, place);
+}
+
+std::optional<ZarrPart> PackedChunks::part_of(const Lengths& chunk, const ShardIndex* index) const {
+    if (index == nullptr) {
+        return ZarrPart{array_.file_of(chunk), ZarrPart::Kind::chunk, {0, max_bytes_}};
+    }
+    const std::optional<ByteRange> range = entry_of(chunk, *index);
+    if (!range || range->size > max_packed(max_bytes_) ||
+        !lies_within(range->offset, range->size, index->size)) {
+        return std::nullopt;
+    }
+    return ZarrPart{index->file, ZarrPart::Kind::range, *range};
+}
+
+ZarrPart PackedChunks::index_part(const Lengths& shard) const {
+    return {
+        array_.file_of(shard),
+        array_.shard->index_at_end ? ZarrPart::Kind::index_at_end : ZarrPart::Kind::index_at_start,
+        {0, stored_index_bytes()}};
+}
+
+namespace {
+
+/// Maximum number of chunks, or of shard indices, that are prefetched at a time.
+constexpr std::uint64_t kMaxPrefetched = 4096;
 
 class ZarrSource : public VolumeSource {
   public:
@@ -34,8 +165,8 @@ class ZarrSource : public VolumeSource {
         const ZarrArray& a = array();
         const std::uint64_t index_bytes = packed_.index_bytes();
         constexpr std::uint64_t kPackedAndTwice = 3;
-        const std::uint64_t one =
-            kPackedAndTwice * packed_.most_bytes() + beside_codecs(a.chunk.codecs);
+        const std::uint64_t one = kPackedAndTwice * packed_.max_bytes() +
+                                  beside_codecs(a.chunk.codecs, packed_.max_bytes());
         if (one + index_bytes > max_heap) {
             throw Error(ErrorKind::limit, {packed_.name()},
                         fmt::format("one chunk of [{}] values{} takes more than {} MiB",
@@ -65,7 +196,7 @@ class ZarrSource : public VolumeSource {
         return packed_.files().files(image_.files);
     }
     [[nodiscard]] FetchedCounts fetched() const override { return packed_.files().fetched(); }
-    /// Of the chunks in a folder the first and the last are looked at.
+    /// In a folder, the first and the last chunk are examined.
     [[nodiscard]] std::string identity() const override {
         const Lengths& outer = array().shard ? array().shard->shape : array().chunk.shape;
         Lengths last;
@@ -87,27 +218,28 @@ class ZarrSource : public VolumeSource {
     }
     [[nodiscard]] std::uint64_t heap() const override {
         return (1U << 20U) + packed_.index_bytes() +
-               (3 * packed_.most_bytes() + beside_codecs(array().chunk.codecs)) *
+               (3 * packed_.max_bytes() +
+                beside_codecs(array().chunk.codecs, packed_.max_bytes())) *
                    static_cast<std::uint64_t>(at_once_);
     }
 
     void will_read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny) override {
-        if (packed_.files().is_far()) {
-            announced_ = Request{{0, y0, z0}, {chosen_.nodes.x, ny, nz}, nullptr};
+        if (packed_.files().is_remote()) {
+            expected_ = Request{{0, y0, z0}, {chosen_.nodes.x, ny, nz}, nullptr};
         }
     }
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         const Request request{{0, y0, z0}, {chosen_.nodes.x, ny, nz}, dst};
         const Box chunks = chunks_of(request);
-        if (packed_.files().is_far()) {
+        if (packed_.files().is_remote()) {
             want(chunks, Wait::for_indices);
-            want_announced();
+            want_expected();
         }
         if (!array().shard) {
             read_chunks(chunks, request, nullptr);
         } else {
-            // Shard by shard, as each has an index.
+            // Shard by shard, as each has its own index.
             const Box shards = shards_of(chunks);
             for (std::uint64_t s = 0; s < product(shards.count); ++s) {
                 const Lengths shard = unlinear(s, shards);
@@ -121,7 +253,7 @@ class ZarrSource : public VolumeSource {
             }
         }
         leave_out_read(request);
-        want_announced();
+        want_expected();
     }
 
   private:
@@ -130,7 +262,7 @@ class ZarrSource : public VolumeSource {
         Int3 size;
         std::byte* dst;
     };
-    /// Chunks, or shards, per array axis: those from `first` on.
+    /// A box of chunks, or of shards: those from `first` on, per array axis.
     struct Box {
         Lengths first;
         Lengths count;
@@ -139,7 +271,7 @@ class ZarrSource : public VolumeSource {
 
     [[nodiscard]] const ZarrArray& array() const { return image_.array; }
 
-    /// Which of the volume's axes an array's axis is; none if a position is fixed.
+    /// The volume's axis for an array's axis; none if its position is fixed.
     [[nodiscard]] std::optional<int> volume_axis(std::size_t axis) const {
         for (int a = 0; a < 3; ++a) {
             if (chosen_.axis.at(static_cast<std::size_t>(a)) == axis) {
@@ -184,7 +316,7 @@ class ZarrSource : public VolumeSource {
         }
         return box;
     }
-    /// Of these chunks those in a shard.
+    /// Those of these chunks that are in a shard.
     [[nodiscard]] Box part_in(const Box& chunks, const Lengths& shard) const {
         Box box;
         for (std::size_t i = 0; i < chunks.first.size(); ++i) {
@@ -195,7 +327,7 @@ class ZarrSource : public VolumeSource {
         }
         return box;
     }
-    /// Whether the caller takes any node of these chunks.
+    /// Whether the caller needs any node of these chunks.
     [[nodiscard]] bool needs_any(const Box& chunks) const {
         for (std::size_t i = 0; i < chunks.first.size(); ++i) {
             const std::uint64_t n = array().chunk.shape[i];
@@ -213,11 +345,11 @@ class ZarrSource : public VolumeSource {
         return needs_any({chunk, Lengths(chunk.size(), 1)});
     }
 
-    /// Chunks from the `from`-th on, up to `to` and as many as may be announced.
+    /// Prefetches the chunks from number `from` to `to`, as many as may be prefetched.
     void want_some(const Box& chunks, std::uint64_t from, std::uint64_t to,
                    const PackedChunks::ShardIndex* index) const {
         std::vector<ZarrPart> parts;
-        for (std::uint64_t i = from; i < to && parts.size() < kMostAnnounced; ++i) {
+        for (std::uint64_t i = from; i < to && parts.size() < kMaxPrefetched; ++i) {
             const Lengths chunk = unlinear(i, chunks);
             if (needs(chunk)) {
                 if (auto part = packed_.part_of(chunk, index)) {
@@ -227,7 +359,7 @@ class ZarrSource : public VolumeSource {
         }
         packed_.files().want(parts);
     }
-    /// False: some of the shards' indices are not there yet, and only they were announced.
+    /// False: some shard indices are not available yet, and only these were prefetched.
     bool want(const Box& chunks, Wait wait) const {
         if (!array().shard) {
             want_some(chunks, 0, product(chunks.count), nullptr);
@@ -236,7 +368,7 @@ class ZarrSource : public VolumeSource {
         const Box box = shards_of(chunks);
         std::vector<Lengths> shards;
         std::vector<ZarrPart> indices;
-        for (std::uint64_t s = 0; s < product(box.count) && shards.size() < kMostAnnounced; ++s) {
+        for (std::uint64_t s = 0; s < product(box.count) && shards.size() < kMaxPrefetched; ++s) {
             const Lengths shard = unlinear(s, box);
             if (needs_any(part_in(chunks, shard))) {
                 shards.push_back(shard);
@@ -256,36 +388,36 @@ class ZarrSource : public VolumeSource {
         }
         return all;
     }
-    /// Of what was announced and could not be asked for yet, what was read meanwhile: it may be
-    /// dropped already, and would be fetched again.
+    /// Removes what was read meanwhile from a prefetch that could not be requested yet: it may
+    /// already be evicted, and would be fetched again.
     void leave_out_read(const Request& done) {
-        if (!announced_ || done.lo.y > announced_->lo.y ||
-            done.lo.y + done.size.y < announced_->lo.y + announced_->size.y ||
-            done.lo.z > announced_->lo.z) {
+        if (!expected_ || done.lo.y > expected_->lo.y ||
+            done.lo.y + done.size.y < expected_->lo.y + expected_->size.y ||
+            done.lo.z > expected_->lo.z) {
             return;
         }
-        const std::int64_t end = announced_->lo.z + announced_->size.z;
-        announced_->lo.z = std::max(announced_->lo.z, done.lo.z + done.size.z);
-        announced_->size.z = end - announced_->lo.z;
-        if (announced_->size.z <= 0) {
-            announced_.reset();
+        const std::int64_t end = expected_->lo.z + expected_->size.z;
+        expected_->lo.z = std::max(expected_->lo.z, done.lo.z + done.size.z);
+        expected_->size.z = end - expected_->lo.z;
+        if (expected_->size.z <= 0) {
+            expected_.reset();
         }
     }
-    void want_announced() {
-        if (announced_ && want(chunks_of(*announced_), Wait::not_at_all)) {
-            announced_.reset();
+    void want_expected() {
+        if (expected_ && want(chunks_of(*expected_), Wait::not_at_all)) {
+            expected_.reset();
         }
     }
 
     void read_chunks(const Box& chunks, const Request& request,
                      const PackedChunks::ShardIndex* index) const {
         const std::uint64_t all = product(chunks.count);
-        const bool is_far = packed_.files().is_far();
-        const std::uint64_t batch = is_far ? std::min(all, kMostAnnounced) : all;
+        const bool is_remote = packed_.files().is_remote();
+        const std::uint64_t batch = is_remote ? std::min(all, kMaxPrefetched) : all;
         const auto jobs = static_cast<std::uint64_t>(at_once_);
         for (std::uint64_t from = 0; from < all; from += batch) {
             const std::uint64_t to = std::min(all, from + batch);
-            if (is_far && to < all) {
+            if (is_remote && to < all) {
                 want_some(chunks, to, std::min(all, to + batch), index);
             }
             tbb::parallel_for(std::uint64_t{0}, jobs, [&](std::uint64_t job) {
@@ -309,7 +441,7 @@ class ZarrSource : public VolumeSource {
                          packed_.name() + ": " + packed_.where(chunk)));
     }
 
-    /// What a chunk (nothing: the fill value) has of the request.
+    /// Copies the part of a chunk (empty: the fill value) that belongs to the request.
     void copy(const Lengths& chunk, const Request& request,
               std::span<const std::byte> values) const {
         const std::size_t value = array().value_bytes();
@@ -374,7 +506,7 @@ class ZarrSource : public VolumeSource {
     std::optional<LengthUnit> unit_;
     NeededNodes needed_;
     PackedChunks packed_;
-    std::optional<Request> announced_;  ///< by will_read(), and not yet passed on
+    std::optional<Request> expected_;  ///< by will_read(), and not yet requested
     int at_once_ = 1;
     Lengths strides_;  ///< of values in a decoded chunk, per axis
 };

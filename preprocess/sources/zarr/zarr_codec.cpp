@@ -31,7 +31,7 @@ constexpr std::size_t kChecksum = 4;
     throw Error(ErrorKind::corrupt, {name}, what);
 }
 
-/// `bytes` exactly.
+/// Decompresses to exactly `bytes` bytes.
 std::vector<std::byte> inflated(std::span<const std::byte> packed, std::uint64_t bytes,
                                 const std::string& name) {
     std::vector<std::byte> out(bytes);
@@ -55,7 +55,7 @@ std::vector<std::byte> inflated(std::span<const std::byte> packed, std::uint64_t
         in += had - stream.avail_in;
         done += free - stream.avail_out;
         if (had == stream.avail_in && free == stream.avail_out) {
-            break;  // nothing more to be had
+            break;  // no more output
         }
     }
     ::inflateEnd(&stream);
@@ -106,7 +106,7 @@ std::vector<std::byte> from_block(BlockPacking packing, std::span<const std::byt
     return out;
 }
 
-/// As numcodecs has it: the block stands behind its unpacked size.
+/// As numcodecs writes it: the uncompressed size, then the block.
 std::vector<std::byte> from_lz4(std::span<const std::byte> packed, std::uint64_t bytes,
                                 const std::string& name) {
     std::uint32_t size = 0;
@@ -160,7 +160,7 @@ std::vector<std::byte> unshuffled(const std::vector<std::byte>& packed, std::siz
     return out;
 }
 
-/// The bits of a number, of integers with a sign up to 64 bits.
+/// The bits of a number; signed integers are extended to 64 bits.
 std::uint64_t load(const std::byte* at, const ZarrNumber& number) {
     std::uint64_t bits = 0;
     for (std::size_t i = 0; i < number.bytes; ++i) {
@@ -191,7 +191,7 @@ double load_real(const std::byte* at, const ZarrNumber& number) {
             return static_cast<double>(bits);
     }
 }
-/// As C converts; what an integer type does not hold becomes its end that is nearer.
+/// Converts as in C; values beyond the range of an integer type are clamped to it.
 void save_real(double value, const ZarrNumber& number, std::byte* at) {
     if (number.kind == 'f') {
         return save(number.bytes == sizeof(float)
@@ -211,7 +211,7 @@ void save_real(double value, const ZarrNumber& number, std::byte* at) {
          number, at);
 }
 
-/// Sums wrap around as integers of the made type do, and are rounded as its numbers are.
+/// Sums wrap around like integers of the decoded type, and are rounded like its numbers.
 template <class Sum, class Load, class Save>
 void add_up(std::size_t count, const Load& load_one, const Save& save_one) {
     Sum sum{};
@@ -262,7 +262,7 @@ std::vector<std::byte> from_numbers(const ZarrCodec& codec, const std::vector<st
     return out;
 }
 
-/// How many bytes the codec takes; it makes `bytes` of them.
+/// Undoes one codec. `bytes`: size of its output.
 std::vector<std::byte> undo(const ZarrCodec& codec, std::vector<std::byte> packed,
                             std::uint64_t bytes, const std::string& name) {
     using Kind = ZarrCodec::Kind;
@@ -295,7 +295,7 @@ std::vector<std::byte> undo(const ZarrCodec& codec, std::vector<std::byte> packe
     return packed;
 }
 
-/// How many bytes a codec makes of so many, and the other way around; none for compressors.
+/// The size after encoding, and after decoding, `bytes` bytes; none for compressors.
 std::optional<std::uint64_t> encoded_bytes(const ZarrCodec& codec, std::uint64_t bytes) {
     switch (codec.kind) {
         case ZarrCodec::Kind::crc32c:
@@ -332,7 +332,7 @@ const nlohmann::json& option(const nlohmann::json& options, const char* key) {
     return !options.is_object() || it == options.end() ? null : *it;
 }
 
-/// "<i2" or "int16", integers and floating point numbers of up to 64 bits.
+/// "<i2" or "int16": integers and floating point numbers of up to 64 bits.
 ZarrNumber number_type(const nlohmann::json& given, const std::string& codec,
                        const std::string& name) {
     const std::string text = given.is_string() ? given.get<std::string>() : "";
@@ -395,7 +395,7 @@ void set_numbers(const nlohmann::json& options, const std::string& id, const std
     }
 }
 
-/// Where the block's library is missing, says so.
+/// Throws if the library for the block is missing.
 ZarrCodec block_codec(ZarrCodec::Kind kind, BlockPacking packing, const std::string& id,
                       const std::string& name) {
     const std::string package = missing_package(packing);
@@ -407,7 +407,7 @@ ZarrCodec block_codec(ZarrCodec::Kind kind, BlockPacking packing, const std::str
     return {.kind = kind};
 }
 
-/// zarr-python 3 writes the codecs of numcodecs with this before their names.
+/// zarr-python 3 writes this prefix before the names of numcodecs' codecs.
 std::string_view without_prefix(std::string_view id) {
     constexpr std::string_view kPrefix = "numcodecs.";
     return id.starts_with(kPrefix) ? id.substr(kPrefix.size()) : id;
@@ -465,12 +465,12 @@ ZarrCodec zarr_codec(const std::string& codec, const nlohmann::json& options,
     }
     if (id == "shuffle") {
         constexpr std::uint64_t kDefault = 4;
-        constexpr std::uint64_t kMost = 256;
+        constexpr std::uint64_t kMax = 256;
         const nlohmann::json& size = option(options, "elementsize");
         const std::uint64_t element = size.is_null()              ? kDefault
                                       : size.is_number_unsigned() ? size.get<std::uint64_t>()
-                                                                  : kMost + 1;
-        if (element > kMost) {
+                                                                  : kMax + 1;
+        if (element > kMax) {
             throw Error(ErrorKind::corrupt, {name},
                         fmt::format("shuffled numbers of {:.40} bytes", size.dump()));
         }
@@ -495,7 +495,7 @@ ZarrCodec zarr_codec(const std::string& codec, const nlohmann::json& options,
                             codec));
 }
 
-std::uint64_t most_between(std::span<const ZarrCodec> codecs, std::uint64_t bytes) {
+std::uint64_t max_between(std::span<const ZarrCodec> codecs, std::uint64_t bytes) {
     std::uint64_t most = bytes;
     std::optional<std::uint64_t> made = bytes;
     for (const ZarrCodec& codec : codecs) {
@@ -505,20 +505,21 @@ std::uint64_t most_between(std::span<const ZarrCodec> codecs, std::uint64_t byte
     return most;
 }
 
-std::uint64_t beside_codecs(std::span<const ZarrCodec> codecs) {
+std::uint64_t beside_codecs(std::span<const ZarrCodec> codecs, std::uint64_t bytes) {
     std::uint64_t most = 0;
     for (const ZarrCodec& codec : codecs) {
-        most =
-            std::max(most, codec.kind == ZarrCodec::Kind::lzma    ? most_beside(BlockPacking::lzma)
-                           : codec.kind == ZarrCodec::Kind::bzip2 ? most_beside(BlockPacking::bzip2)
-                                                                  : 0);
+        using Kind = ZarrCodec::Kind;
+        most = std::max(most, codec.kind == Kind::lzma    ? max_beside(BlockPacking::lzma, bytes)
+                              : codec.kind == Kind::bzip2 ? max_beside(BlockPacking::bzip2, bytes)
+                                                          : 0);
     }
     return most;
 }
 
 std::vector<std::byte> decode_zarr(std::vector<std::byte> packed, std::span<const ZarrCodec> codecs,
                                    std::uint64_t bytes, const std::string& name) {
-    // What comes out of a compressor is not known, what goes into it is; there is one at most.
+    // The output size of a compressor is unknown, its input size is known; there is at most one
+    // compressor.
     std::vector<std::optional<std::uint64_t>> sizes;
     std::optional<std::uint64_t> made = bytes;
     for (const ZarrCodec& codec : codecs) {

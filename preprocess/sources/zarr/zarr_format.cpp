@@ -1,5 +1,3 @@
-#include "preprocess/sources/zarr/zarr_format.h"
-
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -14,15 +12,12 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/placement/axis_units.h"
-#include "preprocess/sources/placement/cf_convention.h"
-#include "preprocess/sources/placement/coordinates.h"
+#include "preprocess/sources/placement/axis_choice.h"
+#include "preprocess/sources/placement/conventions.h"
 #include "preprocess/sources/placement/placement.h"
-#include "preprocess/sources/placement/unsaid_spacing.h"
-#include "preprocess/sources/wrapping/converted_source.h"
-#include "preprocess/sources/wrapping/mirrored_source.h"
-#include "preprocess/sources/wrapping/named_labels_source.h"
-#include "preprocess/sources/wrapping/noted_source.h"
+#include "preprocess/sources/volume_format.h"
+#include "preprocess/sources/wrapping/cropped_source.h"
+#include "preprocess/sources/wrapping/label_names.h"
 #include "preprocess/sources/wrapping/scaled_source.h"
 #include "preprocess/sources/zarr/zarr_chunks.h"
 #include "preprocess/sources/zarr/zarr_image.h"
@@ -31,7 +26,7 @@
 namespace isonest::detail {
 namespace {
 
-/// Of the axes that were chosen; those of one position need none.
+/// The common unit of the chosen axes; axes with one position need none.
 CommonUnit unit_of(const ZarrImage& image, const ChosenAxes& chosen) {
     AxisUnits units;
     for (std::size_t a = 0; a < 3; ++a) {
@@ -43,7 +38,7 @@ CommonUnit unit_of(const ZarrImage& image, const ChosenAxes& chosen) {
     return common_unit(units);
 }
 
-/// By the scale and translation of the axes that were chosen.
+/// The place by the scale and translation of the chosen axes.
 Placement place_of(const ZarrImage& image, const ChosenAxes& chosen, const CommonUnit& unit,
                    const std::string& name) {
     std::array<Double3, 3> steps{};
@@ -57,14 +52,14 @@ Placement place_of(const ZarrImage& image, const ChosenAxes& chosen, const Commo
     return place_in_world(chosen.nodes, steps, first, name);
 }
 
-/// xarray writes fill values of version 3 that are floating point numbers as base64 of 8 bytes.
+/// xarray writes floating point fill values of version 3 as base64 of 8 bytes.
 std::optional<double> number_of_base64(const std::string& text) {
     constexpr std::string_view kLetters =
         "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     if (text.size() != 12 || text.back() != '=') {
         return std::nullopt;
     }
-    // 66 bits, of which the last two say nothing.
+    // 66 bits; the last two are unused.
     std::array<unsigned char, 8> bytes{};
     for (std::size_t i = 0; i < 11; ++i) {
         const std::size_t six = kLetters.find(text[i]);
@@ -80,7 +75,7 @@ std::optional<double> number_of_base64(const std::string& text) {
     return std::bit_cast<double>(bytes);
 }
 
-/// The numbers of an attribute; none if it is not there.
+/// The numbers of an attribute; empty if there is none.
 std::vector<double> numbers_of(const nlohmann::json& attributes, const std::string& key) {
     std::vector<double> list;
     const auto it = attributes.is_object() ? attributes.find(key) : attributes.end();
@@ -99,7 +94,7 @@ std::vector<double> numbers_of(const nlohmann::json& attributes, const std::stri
     return list;
 }
 
-/// CF's attributes. To xarray the fill value of an array of version 2 is its `_FillValue`.
+/// Reads CF's attributes. For xarray, the fill value of an array of version 2 is its `_FillValue`.
 Scaling scaling_of(const ZarrArray& array, const std::string& name) {
     const nlohmann::json& all = array.attributes;
     const bool fill_is_missing =
@@ -115,7 +110,7 @@ Scaling scaling_of(const ZarrArray& array, const std::string& name) {
         name);
 }
 
-/// All numbers of an array of one axis, scaled; none if there is no such array of `length`
+/// All numbers of a one-dimensional array, scaled; empty if there is no such array with `length`
 /// numbers.
 std::vector<double> coordinates_of(const std::shared_ptr<ZarrFiles>& files,
                                    const std::filesystem::path& folder, std::int64_t length,
@@ -171,7 +166,7 @@ std::string unit_of_coordinates(ZarrFiles& files, const std::filesystem::path& f
                : "";
 }
 
-/// The coordinates of an axis are an array of its name beside the volume, as xarray has it.
+/// The coordinates of an axis are in an array of its name beside the volume, as xarray writes it.
 CoordinatePlace place_beside(const std::shared_ptr<ZarrFiles>& files, const ChosenAxes& chosen,
                              const SourceOptions& options, ZarrImage& image,
                              const std::string& name) {
@@ -204,7 +199,7 @@ CoordinatePlace place_beside(const std::shared_ptr<ZarrFiles>& files, const Chos
     return by;
 }
 
-/// A URL may name an object that is not there, and no folder either.
+/// The URL may refer to neither an object nor a folder.
 ZarrImage find_image(ZarrFiles& files, const VolumeInput& input, const std::string& dataset) {
     try {
         return find_zarr_image(files, files.root(), dataset);
@@ -217,8 +212,8 @@ ZarrImage find_image(ZarrFiles& files, const VolumeInput& input, const std::stri
 }
 
 std::shared_ptr<ZarrFiles> files_of(const VolumeInput& input, const SourceOptions& options) {
-    if (input.far) {
-        return far_zarr_files(input.path(), options.remote);
+    if (input.remote) {
+        return remote_zarr_files(input.path(), options.remote);
     }
     if (input.folder) {
         return local_zarr_files(input.path());
@@ -286,10 +281,10 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
                : std::move(source);
 }
 
-/// A ZIP archive by the name of its first member, or by all of them.
+/// Recognises a ZIP archive by the name of its first member, or by all names.
 bool is_zipped_zarr(const VolumeInput& input) {
     constexpr std::size_t kName = 30;
-    if (input.far || !input.head.starts_with("PK\3\4") || input.head.size() < kName) {
+    if (input.remote || !input.head.starts_with("PK\3\4") || input.head.size() < kName) {
         return false;
     }
     const std::size_t length = static_cast<unsigned char>(input.head[26]) +
@@ -305,18 +300,18 @@ bool is_zipped_zarr(const VolumeInput& input) {
     try {
         return zarr_in_zip(input.path()).has_value();
     } catch (const Error&) {
-        return false;  // damaged: nobody knows what it was
+        return false;  // damaged: unknown contents
     }
 }
 
 bool is_zarr(const VolumeInput& input) {
     std::error_code error;
     const std::filesystem::path& folder = input.path();
-    if (!input.folder && !input.far) {
+    if (!input.folder && !input.remote) {
         return is_zipped_zarr(input);
     }
-    if (!input.folder || input.far) {
-        return input.folder;  // of folders elsewhere no others are read
+    if (!input.folder || input.remote) {
+        return input.folder;  // no other format reads remote folders
     }
     for (const char* const name : {".zarray", ".zgroup", "zarr.json"}) {
         if (std::filesystem::is_regular_file(folder / name, error)) {

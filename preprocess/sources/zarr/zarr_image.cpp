@@ -5,42 +5,123 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
+#include <string>
 #include <utility>
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/natural_order.h"
-#include "preprocess/sources/zarr/zarr_labels.h"
+#include "preprocess/sources/bytes/header_words.h"
 
 namespace isonest::detail {
 namespace {
 
 using nlohmann::json;
+
+/// Empty if there is no such member, or it is not a list.
+const json& entries(const json& image_label, const char* key) {
+    static const json none = json::array();
+    if (!image_label.is_object()) {
+        return none;
+    }
+    const auto it = image_label.find(key);
+    return it != image_label.end() && it->is_array() ? *it : none;
+}
+
+/// Its "label-value", if that is an integer.
+std::optional<std::int64_t> label_value(const json& entry) {
+    const auto it = entry.is_object() ? entry.find("label-value") : entry.end();
+    if (!entry.is_object() || it == entry.end() || !it->is_number_integer()) {
+        return std::nullopt;
+    }
+    constexpr std::uint64_t kMax = std::numeric_limits<std::int64_t>::max();
+    if (it->is_number_unsigned() && it->get<std::uint64_t>() > kMax) {
+        return std::nullopt;
+    }
+    return it->get<std::int64_t>();
+}
+
+/// Opacity, the fourth number, is dropped.
+std::optional<LabelColor> color_of_rgba(const json& rgba) {
+    constexpr std::int64_t kMax = 255;
+    LabelColor color{};
+    if (!rgba.is_array() || rgba.size() < color.size() || rgba.size() > color.size() + 1) {
+        return std::nullopt;
+    }
+    for (std::size_t i = 0; i < color.size(); ++i) {
+        const bool whole = rgba[i].is_number_integer();
+        const auto part = whole ? rgba[i].get<std::int64_t>() : -1;
+        if (part < 0 || part > kMax) {
+            return std::nullopt;
+        }
+        color.at(i) = static_cast<std::uint8_t>(part);
+    }
+    return color;
+}
+
+}  // namespace
+
+FoundLabels labels_of_ome(const json& image_label) {
+    FoundLabels labels;
+    for (const json& entry : entries(image_label, "properties")) {
+        const auto id = label_value(entry);
+        if (!id) {
+            labels.leave_out("a property whose label-value is no whole number");
+            continue;
+        }
+        for (const char* const key : {"name", "class"}) {
+            const auto it = entry.find(key);
+            if (it != entry.end() && it->is_string()) {
+                labels.add(*id, it->get<std::string>(), std::nullopt);
+                break;
+            }
+        }
+    }
+    for (const json& entry : entries(image_label, "colors")) {
+        const auto id = label_value(entry);
+        const auto rgba = entry.is_object() ? entry.find("rgba") : entry.end();
+        if (!id) {
+            labels.leave_out("a colour whose label-value is no whole number");
+        } else if (rgba != entry.end()) {
+            if (const auto color = color_of_rgba(*rgba)) {
+                labels.add(*id, "", color);
+            } else {
+                labels.leave_out(
+                    fmt::format("label {}: its colour is not whole numbers from 0 to 255", *id));
+            }
+        }
+    }
+    return labels;
+}
+
+namespace {
+
 namespace fs = std::filesystem;
 
-/// Null if it is not there.
+/// Null if there is no such member.
 const json& member(const json& object, const char* key) {
     static const json null;
     const auto it = object.is_object() ? object.find(key) : object.end();
     return object.is_object() && it != object.end() ? *it : null;
 }
 
-/// OME's list of images of a group; null if it has none.
+/// OME's list of images in a group; null if it has none.
 const json& multiscales(const json& attributes) {
     const json& inside = member(member(attributes, "ome"), "multiscales");
     return inside.is_null() ? member(attributes, "multiscales") : inside;
 }
 
-/// Where an array is, from OME's point of view.
+/// What OME says about an array.
 struct OmePlace {
     std::shared_ptr<const json> image;
     json dataset;
-    std::shared_ptr<const json> labels;  ///< "image-label"; null where there is none
+    std::shared_ptr<const json> labels;  ///< "image-label"; null if there is none
 };
 
-/// Multiplies and adds what OME's transformations say, in their order.
+/// Applies OME's transformations in their order.
 void transform(const json& list, ZarrImage& image, const std::string& name) {
     for (const json& one : list.is_array() ? list : json::array()) {
         const bool scales = member(one, "type") == "scale";
@@ -106,7 +187,7 @@ ZarrImage image_of(ZarrFiles& files, const fs::path& folder, const std::optional
     return image;
 }
 
-/// A path within the folder.
+/// Requires a path within the folder.
 std::string inner_path(const json& path, const fs::path& folder) {
     const std::string text = path.is_string() ? path.get<std::string>() : "";
     const fs::path p(text);
@@ -118,7 +199,7 @@ std::string inner_path(const json& path, const fs::path& folder) {
     return text;
 }
 
-/// OME's levels of a group, and what says so.
+/// OME's levels in a group, with their descriptions.
 std::vector<std::pair<std::string, OmePlace>> levels_of(ZarrFiles& files, const fs::path& folder) {
     std::vector<std::pair<std::string, OmePlace>> levels;
     const json attributes = zarr_group_attributes(files, folder);
@@ -126,7 +207,7 @@ std::vector<std::pair<std::string, OmePlace>> levels_of(ZarrFiles& files, const 
     const auto labels =
         std::make_shared<const json>(inside.is_null() ? member(attributes, "image-label") : inside);
     for (const json& image : multiscales(attributes)) {
-        // One copy for all of its levels.
+        // One copy, shared by all its levels.
         const auto shared = std::make_shared<const json>(image);
         for (const json& dataset : member(image, "datasets")) {
             levels.emplace_back(inner_path(member(dataset, "path"), folder),
@@ -141,7 +222,7 @@ fs::path attributes_file(ZarrFiles& files, const fs::path& folder) {
     return files.has(v3) ? v3 : folder / ".zattrs";
 }
 
-/// A list of texts, each of which names a folder below.
+/// A list of texts, each the name of a folder below.
 std::vector<std::string> names_in(const json& list, const fs::path& folder) {
     std::vector<std::string> names;
     for (const json& name : list.is_array() ? list : json::array()) {
@@ -152,10 +233,10 @@ std::vector<std::string> names_in(const json& list, const fs::path& folder) {
     return names;
 }
 
-/// What OME's words on a group say of its members: the labels of an image, the images of a well,
-/// those that bioformats2raw numbers. Nothing where they say nothing.
+/// The members of a group according to its OME metadata: the labels of an image, the images of a
+/// well, or those that bioformats2raw numbers. None if there is no such information.
 std::optional<std::vector<std::string>> members_by_ome(ZarrFiles& files, const fs::path& folder) {
-    constexpr int kMostImages = 1000;
+    constexpr int kMaxImages = 1000;
     const json attributes = zarr_group_attributes(files, folder);
     const json& ome = member(attributes, "ome");
     for (const json* const said : {&ome, &attributes}) {
@@ -179,7 +260,7 @@ std::optional<std::vector<std::string>> members_by_ome(ZarrFiles& files, const f
             }
         }
         std::vector<std::string> names;
-        for (int i = 0; i < kMostImages && is_zarr_group(files, folder / std::to_string(i)); ++i) {
+        for (int i = 0; i < kMaxImages && is_zarr_group(files, folder / std::to_string(i)); ++i) {
             names.push_back(std::to_string(i));
         }
         return names;
@@ -212,16 +293,16 @@ struct Candidate {
     bool ome;
 };
 
-/// Arrays and OME's images in a group, to a depth of 4.
+/// Finds arrays and OME images in a group, to a depth of 4.
 void search(ZarrFiles& files, const fs::path& root, const fs::path& inside, int depth,
             std::vector<Candidate>& found) {
     constexpr int kDeepest = 4;
-    constexpr std::size_t kMost = 10000;
+    constexpr std::size_t kMax = 10000;
     std::vector<std::string> folders = members_of(files, root / inside);
     std::sort(folders.begin(), folders.end(), naturally_less);
     for (const std::string& name : folders) {
         const fs::path path = inside / name;
-        if (found.size() >= kMost) {
+        if (found.size() >= kMax) {
             return;
         }
         if (is_zarr_array(files, root / path)) {
@@ -236,8 +317,8 @@ void search(ZarrFiles& files, const fs::path& root, const fs::path& inside, int 
     }
 }
 
-/// Whether another try might read what this one could not. What a server refuses may be what is not
-/// there.
+/// Whether reading may succeed another time. A refused request may also mean that the object does
+/// not exist.
 bool could_not_be_fetched(const Error& error) {
     const bool is_refused =
         std::any_of(error.remedies().begin(), error.remedies().end(),
@@ -246,7 +327,7 @@ bool could_not_be_fetched(const Error& error) {
            (error.kind() == ErrorKind::io && !is_refused);
 }
 
-/// Axes of more than one position; none for what cannot be read.
+/// The number of axes longer than 1; none if it cannot be read.
 std::size_t long_axes(ZarrFiles& files, const fs::path& root, const Candidate& candidate) {
     try {
         fs::path folder = root / candidate.folder;
@@ -257,14 +338,15 @@ std::size_t long_axes(ZarrFiles& files, const fs::path& root, const Candidate& c
         return static_cast<std::size_t>(
             std::count_if(shape.begin(), shape.end(), [](std::uint64_t n) { return n > 1; }));
     } catch (const Error& error) {
-        if (files.is_far() && could_not_be_fetched(error)) {
+        if (files.is_remote() && could_not_be_fetched(error)) {
             throw;
         }
         return 0;
     }
 }
 
-/// Null if several have as many. Coordinates, which have one axis, lie beside a volume.
+/// Null if several have the same number. Coordinates, which have one axis, are stored beside a
+/// volume.
 const Candidate* only_with_most_axes(ZarrFiles& files, const fs::path& root,
                                      const std::vector<Candidate>& found) {
     if (found.size() == 1) {
@@ -285,13 +367,13 @@ const Candidate* only_with_most_axes(ZarrFiles& files, const fs::path& root,
 }
 
 std::string list_of(const std::vector<std::string>& names) {
-    constexpr std::size_t kMostListed = 40;
+    constexpr std::size_t kMaxListed = 40;
     std::string list;
-    for (std::size_t i = 0; i < std::min(names.size(), kMostListed); ++i) {
+    for (std::size_t i = 0; i < std::min(names.size(), kMaxListed); ++i) {
         list += "\n  " + names[i];
     }
-    return names.size() > kMostListed
-               ? fmt::format("{}\n  and {} more", list, names.size() - kMostListed)
+    return names.size() > kMaxListed
+               ? fmt::format("{}\n  and {} more", list, names.size() - kMaxListed)
            : list.empty() ? " none"
                           : list;
 }
@@ -318,16 +400,16 @@ std::vector<std::string> all_names(ZarrFiles& files, const fs::path& root) {
     try {
         there = "; the folder has:" + list_of(all_names(files, root));
     } catch (const Error& error) {
-        if (!files.is_far() || error.kind() != ErrorKind::invalid_argument) {
+        if (!files.is_remote() || error.kind() != ErrorKind::invalid_argument) {
             throw;
         }
-        // They cannot be listed.
+        // Arrays cannot be listed.
     }
     throw Error(ErrorKind::not_found, {root.string()},
                 fmt::format("there is no array {}{}", dataset, there));
 }
 
-/// The array at a path of the root, with OME's words on it if its parent is an OME image.
+/// The array at a path below the root, with OME's description if its parent is an OME image.
 ZarrImage named_image(ZarrFiles& files, const fs::path& root, const std::string& dataset) {
     std::string inner = dataset;
     while (inner.starts_with('/')) {
@@ -338,12 +420,12 @@ ZarrImage named_image(ZarrFiles& files, const fs::path& root, const std::string&
     }
     const fs::path path = root / inner_path(json(inner), root);
     if (!is_zarr_array(files, path)) {
-        if (files.is_far() && !is_zarr_group(files, path)) {
+        if (files.is_remote() && !is_zarr_group(files, path)) {
             refuse_dataset(files, root, dataset);
         }
         return find_zarr_image(files, path, "");
     }
-    // A level of any group above it.
+    // It may be a level of any group above it.
     for (fs::path group = path.parent_path(); group.string().size() >= root.string().size();
          group = group.parent_path()) {
         for (const auto& [level, place] : levels_of(files, group)) {

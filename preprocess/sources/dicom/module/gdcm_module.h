@@ -1,5 +1,5 @@
-// What the module that unpacks frames of JPEG has for the library, which loads it when there is
-// one.
+// The interface of the module that decompresses JPEG frames. The library loads it if it is
+// installed.
 #pragma once
 
 #include <cstddef>
@@ -8,8 +8,9 @@
 
 #include "preprocess/sources/dicom/dicom_header.h"
 
-/// Unpacks a frame into `dst` as unpack_dicom_frame() does. `problem` is what is wrong with the
-/// frame, or empty. Throws Error{unsupported} for a transfer syntax of none of these formats.
+/// Decompresses a frame into `dst` like unpack_dicom_frame(). `problem` is set to what is wrong
+/// with the frame, or to an empty text. Throws Error{unsupported} for a transfer syntax of another
+/// format.
 extern "C" void isonest_unpack_dicom(const std::string& syntax,
                                      const isonest::detail::DicomNumbers& numbers,
                                      std::span<const char> frame, std::span<std::byte> dst,
