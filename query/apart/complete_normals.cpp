@@ -5,8 +5,7 @@
 #include <cstring>
 #include <vector>
 
-#include "store/base/unit_normal.h"
-#include "store/base/vector3.h"
+#include "store/base/vectors.h"
 
 namespace isonest::detail {
 namespace {
@@ -22,7 +21,8 @@ Double3 vector_from(const Point& a, const Point& b) {
     return d;
 }
 
-/// For marked vertices the sum of the elements around: mark() all, seal(), then add() and normal().
+/// Sums over the elements around marked vertices. Call mark() for all, seal(), then add() and
+/// normal().
 class NormalsAround {
   public:
     NormalsAround(std::uint64_t vertices, const MeshLayout& layout, const ScratchFolder& folder)
@@ -43,7 +43,7 @@ class NormalsAround {
         }
         sums_file_.map(count * sizeof(Double3));
     }
-    /// An element with these vertices at these places.
+    /// Adds an element with these vertices at these positions.
     void add(const ElementCorners& vertices, const Point& a, const Point& b, const Point& c) {
         if (!is_marked(vertices[0]) && !is_marked(vertices[1]) && !is_marked(vertices[2])) {
             return;
@@ -71,7 +71,7 @@ class NormalsAround {
   private:
     struct Marks {
         std::uint64_t bits;
-        std::uint64_t before;  ///< marked vertices with smaller numbers
+        std::uint64_t before;  ///< number of marked vertices with smaller numbers
     };
     static std::uint64_t bit(std::uint64_t v) { return std::uint64_t{1} << (v % 64); }
     [[nodiscard]] Double3& sum_of(std::uint64_t v) const {
@@ -79,8 +79,8 @@ class NormalsAround {
         const auto behind = static_cast<std::uint64_t>(std::popcount(marks.bits & (bit(v) - 1)));
         return sums_file_.as<Double3>()[marks.before + behind];
     }
-    /// Perpendicular to a line in the data's plane. Lines have no sides: of both directions it is
-    /// the one whose first component that is not 0 is positive.
+    /// Perpendicular to a line, in the data's plane. Lines have no sides: of both directions, the
+    /// one whose first nonzero component is positive.
     [[nodiscard]] Double3 across(const Double3& line) const {
         Double3 flat{};
         flat[flat_axis_] = 1;
@@ -121,7 +121,7 @@ void complete_normals(PartStore& parts, const VertexNumbers& weld, const MeshLay
     const std::size_t width = parts.attributes_per_vertex();
     std::vector<std::uint64_t> number;
     std::vector<bool> owned;
-    // A vertex has the same attributes in each part that has it.
+    // A vertex has the same attributes in each part that contains it.
     const auto each_part = [&](const auto& work) {
         for (const PartRecord& r : parts.records()) {
             if (r.without_normal > 0) {

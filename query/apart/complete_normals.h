@@ -1,10 +1,10 @@
-// Normals where the data's gradient says nothing, because it is 0 or not finite: on plateaus,
-// beside missing values, in the middle of a ridge.
+// Normals where the data's gradient is 0 or not finite: on plateaus, beside missing values, in the
+// middle of a ridge.
 //
-// Such a vertex has the normal of the triangles around it, each weighted by its area; if they have
-// no area either, or cancel each other, the z axis. Of lines it is perpendicular to those around it
-// in the plane of the data. The sums run over the triangles in the order of the mesh, so that
-// nothing depends on threads or on how the mesh was cut into parts.
+// Such a vertex gets the normal of the triangles around it, weighted by their areas; if they have
+// no area either, or cancel each other, the z axis. For lines, it is perpendicular to the lines
+// around it, in the plane of the data. The sums are computed in the order of the mesh's triangles,
+// so the result does not depend on threads or on the division into parts.
 #pragma once
 
 #include <array>
@@ -21,17 +21,18 @@
 
 namespace isonest::detail {
 
-// What grows with the mesh lies in temporary files: two bits for each vertex, and 24 bytes for each
-// that has no normal. All do nothing to a mesh without normals, and throw Error{io, cancelled}.
+// Data that grows with the mesh is kept in temporary files: two bits for each vertex, and 24 bytes
+// for each vertex without a normal. All functions do nothing for a mesh without normals, and throw
+// Error{io, cancelled}.
 
-/// Of a welded mesh, in each part's copy of a vertex. REQUIRES: if `layout` has normals, the parts
+/// For a welded mesh, in each part's copy of a vertex. REQUIRES: if `layout` has normals, the parts
 /// were counted by PartStore::count_normals().
 void complete_normals(PartStore& parts, const VertexNumbers& weld, const MeshLayout& layout,
                       const ScratchFolder& folder, Progress& progress);
-/// Of the vertices that `elements` name.
+/// For the vertices used by `elements`.
 void complete_normals(ScratchMesh& mesh, const CornerView& elements, const ScratchFolder& folder,
                       Progress& progress);
-/// Of triangles in memory.
+/// For triangles in memory.
 void complete_normals(std::span<const std::array<float, 3>> positions,
                       std::span<const std::array<std::uint32_t, 3>> triangles,
                       std::span<std::array<float, 3>> normals, const ScratchFolder& folder,

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "query/mesh/vertex_stars.h"
-#include "store/base/union_find.h"
+#include "store/base/box.h"
 
 namespace isonest::detail {
 namespace {
@@ -15,21 +15,13 @@ namespace {
 constexpr std::uint64_t kLookEvery = std::uint64_t{1} << 13U;
 constexpr std::size_t kCopiesAtOnce = std::size_t{1} << 13U;
 
-bool is_in_a_face(const std::array<float, 3>& p, const BoxFaces& faces) {
-    bool in_face = false;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        in_face = in_face || p[axis] == faces.low[axis] || p[axis] == faces.high[axis];
-    }
-    return in_face;
-}
-
-/// Corners at one vertex, sorted into fans.
+/// Corners at one vertex, grouped into fans.
 class FansOfVertex {
   public:
     explicit FansOfVertex(const CornerFile& corners) : corners_(corners) {}
 
-    /// Afterwards fan_of() says of each of `at` to which fan it belongs. Returns how many there
-    /// are; they are numbered in the order of `at`.
+    /// Afterwards fan_of() gives the fan of each element of `at`. Returns the number of fans; they
+    /// are numbered in the order of `at`.
     std::size_t sort(std::span<const std::uint64_t> at) {
         starts_.clear();
         for (std::size_t i = 0; i < at.size(); ++i) {
@@ -82,7 +74,7 @@ std::uint64_t split_fans(ScratchMesh& mesh, const BoxFaces& faces, const Scratch
     progress.begin("split fans", vertices + triangles, "triangles and vertices");
     VertexStars stars(vertices, triangles, folder);
     for (std::uint64_t v = 0; v < vertices; ++v) {
-        if (is_in_a_face(mesh.positions()[v], faces)) {
+        if (faces.faces_of(mesh.positions()[v]) != 0) {
             stars.mark(v);
         }
     }

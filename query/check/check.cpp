@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <optional>
 #include <string>
@@ -11,28 +13,93 @@
 
 #include <isonest/error.h>
 
-#include "query/check/check_cube_ranges.h"
-#include "query/check/check_footer.h"
 #include "query/check/check_levels.h"
 #include "query/check/check_source.h"
 #include "query/check/findings.h"
-#include "query/check/rank_share.h"
-#include "store/base/memory_budget.h"
+#include "store/base/memory.h"
 #include "store/base/workers.h"
-#include "store/container/announce/announcer.h"
-#include "store/container/by_hdf5/hdf5_view.h"
-#include "store/container/indicator_code.h"
+#include "store/container/chunk_cache.h"
+#include "store/container/codec.h"
+#include "store/container/parts/by_hdf5.h"
+#include "store/container/parts/footer.h"
+#include "store/container/reader.h"
 
 namespace isonest::detail {
+
+// Compares the data behind HDF5's end of a store with HDF5's structures and the chunk table.
+
+/// Adds results to `findings`, as test "footer". Throws Error{io}.
+void check_footer(const StoreReader& store, Findings& findings);
+
 namespace {
 
-/// How many chunks a quick check reads.
+/// The first version whose stores have a footer.
+constexpr FormatVersion kFirst{2, 9};
+
+std::string fault_of(const StoreReader& store) {
+    const StoreBytes& file = store.bytes();
+    const FoundCatalogue* const found = store.catalogue();
+    if (found == nullptr) {
+        return hdf5_end_of(file) == file.size()
+                   ? ""  // an HDF5 program has changed the store
+                   : "what stands behind HDF5's end of the file is no footer of this file";
+    }
+    if (hdf5_end_of(file) != found->footer.hdf5_end) {
+        return "HDF5's part of the file ends elsewhere than the footer says";
+    }
+    const CatalogueTable& place = *found->catalogue.table;
+    const HeldBytes table = file.read(place.offset, place.rows * sizeof(ChunkRow));
+    const auto expected = Hdf5View(file).catalogue(store.layout(), table.bytes());
+    if (!expected) {
+        return "HDF5 does not find what the catalogue says";
+    }
+    if (checksum_of(table.bytes()) != place.xxh64) {
+        return "the chunk table is not the one that was written";
+    }
+    if (store.version() > FormatVersion{}) {
+        return "";  // it may contain more
+    }
+    const std::uint64_t begin = found->footer.hdf5_end;
+    const HeldBytes ours = file.read(begin, file.size() - begin);
+    const std::vector<std::byte> bytes = bytes_behind_hdf5(begin, *expected);
+    return std::equal(bytes.begin(), bytes.end(), ours.bytes().begin(), ours.bytes().end())
+               ? ""
+               : "the catalogue does not say what HDF5 finds in the file";
+}
+
+}  // namespace
+
+void check_footer(const StoreReader& store, Findings& findings) {
+    if (store.version() < kFirst) {
+        return;
+    }
+    std::string fault;
+    try {
+        fault = fault_of(store);
+        if (fault.empty()) {
+            store.compare_range();
+        }
+    } catch (const Error& error) {
+        if (error.kind() != ErrorKind::corrupt) {
+            throw;
+        }
+        fault = error.what();
+    }
+    if (!fault.empty()) {
+        findings.add("footer", store.layout().array(0, Field::values), {0, 0, 0}, kWholeChunk,
+                     fault);
+    }
+}
+
+namespace {
+
+/// Number of chunks that a quick check reads.
 constexpr std::int64_t kQuickChunks = 4096;
 
-/// Boxes that one thread gathers.
+/// Size of the boxes that one thread gathers.
 constexpr std::uint64_t kBoxes = 1U << 20U;
 
-/// How the memory of a check is shared; fewer threads run where there is little.
+/// Distribution of the memory of a check; fewer threads are used if there is little.
 struct Shares {
     int threads;
     std::uint64_t cache;
@@ -41,14 +108,14 @@ struct Shares {
 Shares share(const StoreReader& store, const CheckOptions& options) {
     const StoreLayout& layout = store.layout();
     const std::uint64_t largest = largest_chunk_bytes(layout);
-    // One chunk is decoded by itself or held, two are in the cache besides.
+    // One chunk is decoded directly or held, two more are in the cache.
     const std::uint64_t each = decode_heap(largest) + 3 * largest + kBoxes;
-    // What HDF5 knows of a chunk, a chunk's stored bytes, and a bit of the findings.
+    // HDF5's data about a chunk, a chunk's stored bytes, and a bit of the findings.
     constexpr std::uint64_t kIndexEntry = 32;
     const std::uint64_t deep =
         options.depth == CheckDepth::deep ? 2 * largest + layout.rows() * kIndexEntry : 0;
     const std::uint64_t fixed = kLibraryHeap + layout.rows() / 8 + deep;
-    // The source and the rows that are compared with it take the other three quarters.
+    // The source and the rows compared with it use the other three quarters.
     const std::uint64_t part = options.source != nullptr ? 4 : 1;
     require_memory(store.path().string(), options.memory, fixed + part * each,
                    "this store's chunks");
@@ -75,7 +142,7 @@ class Checker {
         const auto all = static_cast<std::int64_t>(layout_.rows());
         const std::int64_t every =
             quick ? std::max<std::int64_t>(1, (all + kQuickChunks - 1) / kQuickChunks) : 1;
-        announce_rows();
+        prefetch_rows();
         for_each_chunk(
             "table", 1, [&](const ArrayInfo& a, const Int3& c) { row(a, c); }, Reads::rows);
         for_each_chunk("checksums", every,
@@ -108,8 +175,8 @@ class Checker {
     }
 
   private:
-    /// All of the table that this rank reads.
-    void announce_rows() {
+    /// Prefetches the whole part of the table that this rank reads.
+    void prefetch_rows() {
         for (const ArrayInfo& array : layout_.arrays()) {
             const auto [low, high] = share_.of(array.grid.product());
             if (!array.alias && low < high) {
@@ -120,10 +187,10 @@ class Checker {
         }
     }
 
-    /// What is read for a chunk: its row of the table alone, itself, or others as well.
+    /// What is read for a chunk: only its row of the table, the chunk itself, or also others.
     enum class Reads { rows, itself, others };
 
-    /// All chunks that are not known to be damaged, or every so-manieth.
+    /// All chunks that are not known to be damaged, or every `every`-th of them.
     template <class F>
     void for_each_chunk(const char* phase, std::int64_t every, F&& f, Reads reads = Reads::itself) {
         progress_.begin(phase, layout_.rows() / static_cast<std::uint64_t>(every * share_.size()),
@@ -143,10 +210,10 @@ class Checker {
                     }
                 }
             };
-            Announcer announcer = reads == Reads::others
-                                      ? Announcer(cache_, number(low), number(high), wanted)
-                                      : Announcer(store_, number(low), number(high), wanted);
-            for_each_announced(store_, announcer, number(low), number(high), [&](std::int64_t i) {
+            Prefetcher prefetcher = reads == Reads::others
+                                        ? Prefetcher(cache_, number(low), number(high), wanted)
+                                        : Prefetcher(store_, number(low), number(high), wanted);
+            for_each_prefetched(store_, prefetcher, number(low), number(high), [&](std::int64_t i) {
                 progress_.check();
                 const Int3 chunk = array.grid.unlinear(i * every);
                 if (!findings_.is_damaged(array, chunk)) {
@@ -156,7 +223,7 @@ class Checker {
                         if (error.kind() != ErrorKind::corrupt) {
                             throw;
                         }
-                        // A chunk that only needs a damaged one has nothing wrong itself.
+                        // A chunk that only needs a damaged one is not damaged itself.
                         if (reads != Reads::others || !findings_.any_damaged()) {
                             findings_.add_damaged("decode", array, chunk, error.what());
                         }
@@ -167,7 +234,7 @@ class Checker {
         }
     }
 
-    /// The chunks with which check_levels() compares one.
+    /// Adds the chunks with which check_levels() compares a chunk.
     void want_compared(const ArrayInfo& array, const Int3& chunk,
                        std::vector<WantedChunk>& chunks) const {
         constexpr Int3 kOne{1, 1, 1};
@@ -214,7 +281,7 @@ class Checker {
 
     void vtk_group() {
         if (layout_.header().labels) {
-            return;  // since format 2.10 such a store has none
+            return;  // such stores have none since format 2.10
         }
         std::string fault;
         try {
@@ -230,7 +297,7 @@ class Checker {
         }
     }
 
-    /// Of each array whether its first chunk is damaged, on whichever rank that was found.
+    /// For each array, whether its first chunk was found to be damaged, by any rank.
     std::vector<std::uint64_t> damaged_first_chunks() {
         std::vector<std::uint64_t> damaged;
         for (const ArrayInfo& array : layout_.arrays()) {
@@ -242,7 +309,7 @@ class Checker {
         return damaged;
     }
 
-    /// What other HDF5 programs find under the chunk's place is what the table says.
+    /// Checks that other HDF5 programs find at the chunk's position what the table says.
     void hdf5_view() {
         std::optional<Hdf5View> opened;
         try {
@@ -251,7 +318,7 @@ class Checker {
             if (error.kind() != ErrorKind::corrupt) {
                 throw;
             }
-            return;  // vtk_group() says so
+            return;  // reported by vtk_group()
         }
         const Hdf5View& view = *opened;
         std::vector<std::byte> bytes;
@@ -262,7 +329,7 @@ class Checker {
             const ArrayInfo& array = layout_.arrays()[a];
             const auto [low, high] = share_.of(array.grid.product());
             if (low > 0 && first_damaged[a] == 0 && !view.read(array, {0, 0, 0}, bytes).empty()) {
-                continue;  // whoever has the first chunk says so
+                continue;  // reported by the rank with the first chunk
             }
             for (std::int64_t i = low; i < high; ++i) {
                 progress_.check();
@@ -281,7 +348,7 @@ class Checker {
                                   "HDF5 finds other bytes here than the table");
                 }
                 if (!fault.empty() && i == 0) {
-                    break;  // the whole dataset
+                    break;  // concerns the whole dataset
                 }
             }
         }

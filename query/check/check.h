@@ -1,4 +1,4 @@
-// The chunked consistency tests of a store, from cheap to expensive.
+// Consistency tests of a store, chunk by chunk, from cheap to expensive.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,7 @@
 
 namespace isonest::detail {
 
-/// One thing that is wrong.
+/// A detected error.
 struct Finding {
     /// "table", "checksum", "decode", "range", "injection", "saturation", "indicator", "cube
     /// range", "hdf5", "footer", "source" or "bound".
@@ -27,35 +27,37 @@ struct Finding {
 };
 
 enum class CheckDepth {
-    quick,     ///< the table, and a sample of the checksums of chunks and ranges: seconds
-    standard,  ///< all that follows from the store's own bytes
-    deep       ///< and that HDF5 finds the same chunks by its own index
+    quick,     ///< the table, and a sample of the checksums of chunks and ranges; takes seconds
+    standard,  ///< everything that can be verified from the store alone
+    deep       ///< also that HDF5's own index finds the same chunks
 };
 
 struct CheckOptions {
     CheckDepth depth = CheckDepth::standard;
-    /// The volume that the store was made from, not owned; null: no comparison with it.
+    /// The volume from which the store was made, not owned; null: not compared.
     VolumeSource* source = nullptr;
     std::uint64_t memory = std::uint64_t{512} << 20U;
     int threads = 0;
-    std::uint64_t sampled_cubes = 2000;  ///< cubes whose bounds are checked by brute force
-    /// Each checks a share of the chunks, rank 0 the source, with memory and threads of its own;
-    /// null: one process.
+    std::uint64_t sampled_cubes = 2000;  ///< number of cubes whose bounds are checked by brute
+                                         ///< force
+    /// Each rank checks a share of the chunks with its own memory and threads, rank 0 also the
+    /// source; null: one process.
     Communicator* ranks = nullptr;
 };
 
 struct CheckReport {
-    std::uint64_t chunks = 0;  ///< of which the checksums were compared
-    std::uint64_t nodes = 0;   ///< values and indicators compared
-    std::uint64_t cubes = 0;   ///< bounds checked by brute force
+    std::uint64_t chunks = 0;  ///< number of chunks whose checksums were compared
+    std::uint64_t nodes = 0;   ///< number of values and indicators compared
+    std::uint64_t cubes = 0;   ///< number of bounds checked by brute force
     std::uint64_t failures = 0;
     std::vector<Finding> findings;  ///< the first 100
 };
 
-/// Runs all tests; with ranks collective, and rank 0 has the report of all, which is that of one
-/// process; what others return means nothing. Damaged chunks are findings, and what depends on them
-/// is left out. Throws Error{invalid_argument} if options.source has other nodes or another type
-/// than the store, Error{io, limit, cancelled}, and what the source throws.
+/// Runs all tests. With ranks it is collective: rank 0 gets the complete report, identical to that
+/// of one process; the results of others are undefined. Damaged chunks are reported as findings,
+/// and tests that depend on them are skipped. Throws Error{invalid_argument} if options.source has
+/// a different type or number of nodes than the store, Error{io, limit, cancelled}, and what the
+/// source throws.
 CheckReport check(const StoreReader& store, const CheckOptions& options, Progress& progress);
 
 }  // namespace isonest::detail

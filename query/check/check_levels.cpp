@@ -1,20 +1,210 @@
 #include "query/check/check_levels.h"
 
 #include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
 
+#include <atomic>
+#include <cmath>
 #include <cstring>
+#include <limits>
 
-#include "query/view/blocks.h"
-#include "query/view/brick_view.h"
-#include "query/view/finest_indicators.h"
-#include "store/container/gather.h"
+#include <isonest/error.h>
+
+#include "query/values/blocks.h"
+#include "query/values/brick_view.h"
+#include "store/container/chunk_cache.h"
 
 namespace isonest::detail {
 namespace {
 
+/// Number of cubes per axis that are processed together.
+constexpr std::int64_t kGroup = 8;
+constexpr Int3 kOne{1, 1, 1};
+/// Number of bytes of ranges that a quick check reads.
+constexpr std::uint64_t kQuickBytes = std::uint64_t{256} << 20U;
+
+/// A quick check reads every n-th plane of each level; this is n.
+std::int64_t quick_stride(const StoreLayout& layout) {
+    std::uint64_t bytes = 0;
+    for (int level = kFirstRangeLevel; layout.has_cube_ranges(level); ++level) {
+        bytes += static_cast<std::uint64_t>(layout.lattice().cells_at(level).product()) *
+                 cube_range_bytes(layout.header().type);
+    }
+    return static_cast<std::int64_t>(bytes / kQuickBytes) + 1;
+}
+
+class RangeChecks {
+  public:
+    RangeChecks(const StoreReader& store, ChunkCache& cache, Findings& findings, Progress& progress,
+                const RankShare& share)
+        : store_(store),
+          layout_(store.layout()),
+          cache_(cache),
+          findings_(findings),
+          progress_(progress),
+          share_(share) {}
+
+    /// For a remote store, ranges of fine levels are not read.
+    [[nodiscard]] bool is_read(int level) const {
+        try {
+            return store_.cube_range(level, {0, 0, 0}).has_value();
+        } catch (const Error& error) {
+            if (error.kind() != ErrorKind::corrupt) {
+                throw;
+            }
+            return true;  // reported by planes()
+        }
+    }
+
+    /// Whether every `every`th plane is intact.
+    bool planes(int level, std::int64_t every) {
+        const std::int64_t all = layout_.lattice().cells_at(level).z;
+        std::atomic<bool> whole = true;
+        for_all("range checksums", (all + every - 1) / every, "planes", [&](std::int64_t i) {
+            try {
+                static_cast<void>(store_.cube_range(level, {0, 0, i * every}));
+            } catch (const Error& error) {
+                if (error.kind() != ErrorKind::corrupt) {
+                    throw;
+                }
+                whole = false;
+                add(level, {0, 0, i * every}, error.what());
+            }
+        });
+        return !share_.any(!whole);
+    }
+
+    void against_values() {
+        const Int3 cells = layout_.lattice().cells_at(kFirstRangeLevel);
+        const Int3 groups = ceil_div(cells, kOne * kGroup);
+        const auto [begin, end] = share_.of(groups.product());
+        const ArrayInfo& values = layout_.array(0, Field::values);
+        Prefetcher prefetcher(
+            cache_, begin, end, [&](std::int64_t i, std::vector<WantedChunk>& chunks) {
+                const Int3 low = groups.unlinear(i) * (kGroup * kFirstRangeEdge);
+                want_box(values, low, low + kOne * (kGroup * kFirstRangeEdge), chunks);
+            });
+        progress_.begin("cube ranges", static_cast<std::uint64_t>(end - begin), "groups");
+        for_each_prefetched(cache_.source(), prefetcher, begin, end, [&](std::int64_t i) {
+            progress_.check();
+            const Int3 first = groups.unlinear(i) * kGroup;
+            try {
+                dispatch(layout_.header().type, [&](auto tag) {
+                    group<typename decltype(tag)::type>(first,
+                                                        min(first + kOne * kGroup, cells) - first);
+                });
+            } catch (const Error& error) {
+                if (error.kind() != ErrorKind::corrupt) {
+                    throw;  // a damaged chunk of values is already a finding
+                }
+            }
+            progress_.advance(1);
+        });
+    }
+
+    void against_finer(int level) {
+        const Int3 cells = layout_.lattice().cells_at(level);
+        const Int3 finer = layout_.lattice().cells_at(level - 1);
+        for_all("coarser ranges", cells.z, "planes", [&](std::int64_t z) {
+            for (std::int64_t i = 0; i < cells.x * cells.y; ++i) {
+                const Int3 cube{i % cells.x, i / cells.x, z};
+                const Int3 count = min(cube * 2 + kOne * 2, finer) - cube * 2;
+                CubeRange found;
+                for (std::int64_t c = 0; c < count.product(); ++c) {
+                    found.include(*store_.cube_range(level - 1, cube * 2 + count.unlinear(c)));
+                }
+                compare(level, cube, found);
+            }
+        });
+    }
+
+  private:
+    template <class F>
+    void for_all(const char* phase, std::int64_t count, const char* unit, const F& f) {
+        const auto [first, end] = share_.of(count);
+        progress_.begin(phase, static_cast<std::uint64_t>(end - first), unit);
+        tbb::parallel_for(first, end, [&](std::int64_t i) {
+            progress_.check();
+            f(i);
+            progress_.advance(1);
+        });
+    }
+
+    template <class T>
+    void group(const Int3& first, const Int3& count) {
+        const Int3 last = layout_.lattice().nodes() - kOne;
+        const Int3 end = min((first + count) * kFirstRangeEdge, last);
+        Box<T> box(first * kFirstRangeEdge, end - first * kFirstRangeEdge + kOne);
+        gather_values(cache_, layout_.array(0, Field::values), box);
+        for (std::int64_t c = 0; c < count.product(); ++c) {
+            const Int3 cube = first + count.unlinear(c);
+            const Int3 n =
+                min((cube + kOne) * kFirstRangeEdge, last) - cube * kFirstRangeEdge + kOne;
+            double low = std::numeric_limits<double>::infinity();
+            double high = -low;
+            for (std::int64_t i = 0; i < n.product(); ++i) {
+                const auto value =
+                    static_cast<double>(box.at(cube * kFirstRangeEdge + n.unlinear(i)));
+                low = std::fmin(low, value);
+                high = std::fmax(high, value);
+            }
+            compare(kFirstRangeLevel, cube, cube_range_around(low, high));
+        }
+    }
+
+    void compare(int level, const Int3& cube, const CubeRange& found) {
+        const CubeRange stored = *store_.cube_range(level, cube);
+        if (stored != found) {
+            add(level, cube,
+                fmt::format("the store says {} to {}, the values in the cube are {} to {}",
+                            stored.low, stored.high, found.low, found.high));
+        }
+    }
+
+    void add(int level, const Int3& cube, const std::string& message) {
+        const ArrayInfo& array = layout_.array(level, Field::values);
+        findings_.add("cube range", array, array.chunk_of(cube), cube * (std::int64_t{1} << level),
+                      message);
+    }
+
+    const StoreReader& store_;
+    const StoreLayout& layout_;
+    ChunkCache& cache_;
+    Findings& findings_;
+    Progress& progress_;
+    RankShare share_;
+};
+
+}  // namespace
+
+void check_cube_ranges(const StoreReader& store, ChunkCache& cache, bool quick, Findings& findings,
+                       Progress& progress, const RankShare& share) {
+    RangeChecks checks(store, cache, findings, progress, share);
+    bool finer_whole = false;
+    const std::int64_t every = quick ? quick_stride(store.layout()) : 1;
+    for (int level = kFirstRangeLevel; store.layout().has_cube_ranges(level); ++level) {
+        if (store.is_remote() && !checks.is_read(level)) {
+            continue;
+        }
+        const bool whole = checks.planes(level, every);
+        if (quick || !whole) {
+            finer_whole = false;
+            continue;
+        }
+        if (level == kFirstRangeLevel) {
+            checks.against_values();
+        } else if (finer_whole) {
+            checks.against_finer(level);
+        }
+        finer_whole = true;
+    }
+}
+
+namespace {
+
 /// Codes near zero have fewer digits: the distance between two of them.
 constexpr double kSmallestCode = decode_indicator(kCodeStep);
-/// Numbers above it round up to infinity.
+/// Larger numbers are rounded up to infinity.
 constexpr double kLargestCode = decode_indicator(IndicatorCode{kInfinityCode - kCodeStep});
 
 class LevelChecks {
@@ -22,7 +212,7 @@ class LevelChecks {
     LevelChecks(ChunkCache& cache, Findings& findings)
         : cache_(cache), layout_(cache.source().layout()), findings_(findings) {}
 
-    /// Every node of a coarser level has the bits of the finer level's node.
+    /// Checks that every node of a coarser level has the bits of the finer level's node.
     void injection(const ArrayInfo& array, const Int3& chunk) {
         if (array.level == 0) {
             return;
@@ -39,7 +229,7 @@ class LevelChecks {
                     gather_values(cache_, fine, finer);
                     for (std::int64_t i = 0; i < n.product(); ++i) {
                         const Int3 p = base + n.unlinear(i);
-                        // Bit by bit: NaN is the same as itself.
+                        // Bitwise comparison, because NaN must equal itself.
                         // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
                         if (std::memcmp(&coarse.at(p), &finer.at(p * 2), sizeof(T)) != 0) {
                             findings_.add("injection", array, chunk,
@@ -53,8 +243,9 @@ class LevelChecks {
         });
     }
 
-    /// Every refinement node is at least its children, in this chunk and across its borders: so the
-    /// stop test of a node implies that of its parents, and leaves fit together.
+    /// Checks that every refinement node is at least as large as its children, in this chunk and
+    /// across its borders: so the stop test of a node implies that of its parents, and leaves fit
+    /// together.
     void saturation(const ArrayInfo& array, const Int3& chunk) {
         const auto block = [&](const Int3& base, const Int3& n) {
             if (layout_.header().exact) {
@@ -66,7 +257,8 @@ class LevelChecks {
         for_each_block(first_of(array, chunk), count_of(array, chunk), halves(array), block, kEdge);
     }
 
-    /// The same of cells: each is at least all cells of the finer level that share a node with it.
+    /// The same for cells: each is at least as large as all cells of the finer level that share a
+    /// node with it.
     void saturation_of_cells(const ArrayInfo& array, const Int3& chunk) {
         const auto block = [&](const Int3& base, const Int3& n) {
             if (layout_.header().exact) {
@@ -79,7 +271,7 @@ class LevelChecks {
     }
 
   private:
-    /// Blocks of a chunk are so large along each axis, so that what is gathered for one is small.
+    /// Edge of the blocks of a chunk; small, so that little data is gathered at a time.
     static constexpr std::int64_t kEdge = 16;
     static Int3 first_of(const ArrayInfo& array, const Int3& chunk) {
         return array.first_node(chunk);
@@ -87,7 +279,7 @@ class LevelChecks {
     static Int3 count_of(const ArrayInfo& array, const Int3& chunk) {
         return min(array.chunk, array.nodes - array.first_node(chunk));
     }
-    /// The part of a chunk that one chunk of the finer level covers.
+    /// The part of a chunk that is covered by one chunk of the finer level.
     static Int3 halves(const ArrayInfo& array) { return ceil_div(array.chunk, {2, 2, 2}); }
     static double value_of(float value) { return static_cast<double>(value); }
     static double value_of(IndicatorCode code) {
@@ -106,7 +298,7 @@ class LevelChecks {
                 data[static_cast<std::size_t>(size.linear(p - lo) * components + component)]);
         }
     };
-    /// From `lo` up to `end`, as far as there are nodes.
+    /// Gathers from `lo` up to `end`, as far as nodes exist.
     template <class T>
     Gathered<T> gather(const ArrayInfo& array, const Int3& lo, const Int3& end, int first,
                        int count) {
@@ -116,7 +308,7 @@ class LevelChecks {
         return g;
     }
 
-    /// The `n` nodes from `base` on.
+    /// Checks the `n` nodes starting at `base`.
     template <class T>
     void saturation_of_block(const ArrayInfo& array, const Int3& chunk, const Int3& base,
                              const Int3& n) {
@@ -207,13 +399,13 @@ class LevelChecks {
         findings_.count(compared);
     }
 
-    /// The centres of the up to eight cubes of the finer level around the edge midpoint p.
+    /// Visits the centres of the up to eight cubes of the finer level around the edge midpoint p.
     template <class T, class F>
     void finer_centres(int level, const Int3& p, const Gathered<T>& finer, F&& against) {
         const Int3 cells = layout_.lattice().elements_at(level);
         for (std::int64_t i = 0; i < 8; ++i) {
             const Int3 cube = p - Int3{i & 1, (i >> 1) & 1, i >> 2};
-            // Along a flat axis p is 0, and so is the square.
+            // Along a flat axis p is 0, and so is the index of the square.
             if (min(cube, {0, 0, 0}) == Int3{0, 0, 0} &&
                 max(cube + Int3{1, 1, 1}, cells) == cells) {
                 against(finer.at(cube, 0), cube * 2 + slot_offset(layout_.lattice().centre_slot()),
@@ -223,8 +415,8 @@ class LevelChecks {
     }
 
   public:
-    /// Level 1: the stored centre of each cube against the indicators of its 19 nodes, which follow
-    /// from the values: never below, and at most the codes' rounding above.
+    /// Level 1: compares the stored centre of each cube with the indicators of its 19 nodes,
+    /// computed from the values: it must never be below, and at most the codes' rounding above.
     void finest_bounds(const ArrayInfo& array, const Int3& chunk) {
         const Int3 first = array.first_node(chunk);
         const Int3 all = min(array.chunk, layout_.lattice().elements_at(1) - first);

@@ -9,10 +9,9 @@
 
 #include <isonest/error.h>
 
-#include "query/check/brute_force.h"
-#include "query/view/brick_view.h"
-#include "store/container/announce/announcer.h"
-#include "store/container/gather.h"
+#include "query/check/check_levels.h"
+#include "query/values/brick_view.h"
+#include "store/container/chunk_cache.h"
 
 namespace isonest::detail {
 namespace {
@@ -49,8 +48,8 @@ class SourceChecks {
         });
     }
 
-    /// The largest difference between U and the linear function of each tetrahedron, node by node,
-    /// in cubes drawn over all levels, against the bounds stored for them.
+    /// Compares the largest difference between U and the linear function of each tetrahedron, node
+    /// by node, in cubes sampled from all levels, with the bounds stored for them.
     template <class T>
     void sampled_bounds() {
         const Lattice& lattice = layout_.lattice();
@@ -88,9 +87,9 @@ class SourceChecks {
         Int3 size;
     };
 
-    /// The planes and rows that are read at a time: as the source likes it, then so many that a
-    /// chunk of the store is decoded once, then whole planes, as far as an eighth of the memory
-    /// goes. Where that is less than a layer of the source's chunks, they are decoded again for
+    /// The number of planes and rows read at a time: the source's granularity, then as many as
+    /// needed to decode each chunk of the store only once, then whole planes, up to an eighth of
+    /// the memory. If that is less than a layer of the source's chunks, these are decoded again for
     /// each piece.
     [[nodiscard]] std::pair<std::int64_t, std::int64_t> piece(const Int3& n, const Int3& chunk,
                                                               std::size_t value) const {
@@ -114,8 +113,8 @@ class SourceChecks {
         return {planes, rows < least ? rows : multiple(rows, order.rows, n.y)};
     }
 
-    void announce(const ArrayInfo& array, const Part& part) {
-        if (!cache_.source().is_far()) {
+    void prefetch(const ArrayInfo& array, const Part& part) {
+        if (!cache_.source().is_remote()) {
             return;
         }
         std::vector<WantedChunk> chunks;
@@ -124,14 +123,14 @@ class SourceChecks {
         for (const WantedChunk& chunk : chunks) {
             needs.add(*chunk.array, chunk.chunk);
         }
-        cache_.announce(needs.chunks());
+        cache_.prefetch(needs.chunks());
     }
 
     template <class T>
     void compare(const Part& part, const std::vector<T>& original) {
         const ArrayInfo& array = layout_.array(0, Field::values);
         Box<T> ours(part.low, part.size);
-        announce(array, part);
+        prefetch(array, part);
         try {
             gather_values(cache_, array, ours);
         } catch (const Error& error) {
@@ -142,7 +141,7 @@ class SourceChecks {
             return;
         }
         for (std::size_t i = 0; i < ours.data.size(); ++i) {
-            // Bit by bit: NaN is the same as itself.
+            // Bitwise comparison, because NaN must equal itself.
             // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
             if (std::memcmp(&ours.data[i], &original[i], sizeof(T)) != 0) {
                 const Int3 p = part.low + part.size.unlinear(static_cast<std::int64_t>(i));
@@ -153,7 +152,7 @@ class SourceChecks {
         findings_.count(part.size.product());
     }
 
-    /// What lies outside of the store's damaged chunks is compared chunk by chunk.
+    /// Compares, chunk by chunk, the data outside the store's damaged chunks.
     template <class T>
     void compare_chunks(const Part& part, const std::vector<T>& original) {
         const ArrayInfo& array = layout_.array(0, Field::values);

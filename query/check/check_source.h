@@ -1,4 +1,4 @@
-// A store against the volume that it was made from.
+// Compares a store with the volume from which it was made.
 #pragma once
 
 #include <isonest/progress.h>
@@ -15,8 +15,8 @@ namespace isonest::detail {
 void require_same_shape(const StoreReader& store, const VolumeSource& source);
 
 /// Tests "source", all values of level 0 against *options.source, and "bound", the bounds of cubes
-/// drawn over all levels against brute force. Adds what it finds to `findings`; what damaged chunks
-/// hide is left out. Throws Error{io, cancelled}.
+/// sampled from all levels against brute force. Adds results to `findings`; data in damaged chunks
+/// is skipped. Throws Error{io, cancelled}.
 void check_source(ChunkCache& cache, const CheckOptions& options, Findings& findings,
                   Progress& progress);
 

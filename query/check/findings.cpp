@@ -10,12 +10,12 @@
 namespace isonest::detail {
 namespace {
 
-constexpr std::size_t kMostFindings = 100;
+constexpr std::size_t kMaxFindings = 100;
 constexpr std::array<std::string_view, 12> kTests{
     "table",     "checksum",   "decode", "range",  "injection", "saturation",
     "indicator", "cube range", "hdf5",   "footer", "source",    "bound"};
 
-/// Numbers and texts, one behind the other.
+/// Numbers and texts, one after another.
 struct Writer {
     std::string text;
 
@@ -67,7 +67,7 @@ void Findings::add(const char* test, const ArrayInfo& array, const Int3& chunk, 
 }
 
 void Findings::insert(Entry entry) {
-    if (first_.size() == kMostFindings) {
+    if (first_.size() == kMaxFindings) {
         if (!(entry < first_.back())) {
             return;
         }

@@ -1,14 +1,101 @@
 #include "query/distance/element_error.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
+
+#include "query/march/cube_cases.h"
+#include "query/march/mesh_part.h"
+#include "store/lattice/simplex.h"
 
 namespace isonest::detail {
 namespace {
 
+class Builder {
+  public:
+    Builder(const Element<3>& t, double iso, const LatticeSteps& steps, FinestCrossing& crossing)
+        : t_(t), iso_(iso), steps_(steps), crossing_(crossing) {}
+
+    /// Adds the vertex between a corner that is not below the isovalue and one that is.
+    void add(std::size_t above, std::size_t below) {
+        Double3 p{};
+        Barycentric place{};
+        if (t_.value[above] == iso_) {
+            p = point(t_.v[above]);
+            place[above] = 1;
+        } else {
+            const FinestCrossing::Edge edge = crossing_.finest(FinestCrossing::between(
+                t_.v[above], t_.value[above], t_.v[below], t_.value[below]));
+            const double s = edge.crossing(iso_);
+            p = along(point(edge.from), s, minus(point(edge.to), point(edge.from)));
+            const Double3 a = point(t_.v[above]);
+            const Double3 b = point(t_.v[below]);
+            std::size_t axis = 0;
+            for (std::size_t i = 1; i < 3; ++i) {
+                axis = std::fabs(b[i] - a[i]) > std::fabs(b[axis] - a[axis]) ? i : axis;
+            }
+            place[below] = (p[axis] - a[axis]) / (b[axis] - a[axis]);
+            place[above] = 1 - place[below];
+        }
+        polygon_.at[polygon_.count] = steps_.vector(p);
+        polygon_.place[polygon_.count++] = place;
+    }
+    [[nodiscard]] ElementPolygon polygon(bool is_crossed) {
+        polygon_.is_crossed = is_crossed;
+        return polygon_;
+    }
+
+  private:
+    static Double3 point(const Int3& p) {
+        return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
+    }
+    const Element<3>& t_;
+    double iso_;
+    const LatticeSteps& steps_;
+    FinestCrossing& crossing_;
+    ElementPolygon polygon_;
+};
+
+}  // namespace
+
+bool is_positive(const Element<3>& t) {
+    return determinant(t.v[1] - t.v[0], t.v[2] - t.v[0], t.v[3] - t.v[0]) > 0;
+}
+
+ElementPolygon element_polygon(const Element<3>& t, double iso, const LatticeSteps& steps,
+                               FinestCrossing& crossing) {
+    unsigned mask = 0;
+    for (unsigned i = 0; i < 4; ++i) {
+        mask |= t.value[i] < iso ? 1U << i : 0U;
+    }
+    const Crossing& c = kCrossings[mask];
+    const auto is_hit = [&](std::size_t i) { return t.value[c.order[i]] == iso; };
+    Builder builder(t, iso, steps, crossing);
+    if (c.below == 1) {
+        for (std::size_t i = 1; i < 4; ++i) {
+            builder.add(c.order[i], c.order[0]);
+        }
+    } else if (c.below == 2 && !(is_hit(0) && is_hit(1))) {
+        const bool outward = is_positive(t) != c.flip;
+        const std::size_t r1 = c.order[outward ? 2 : 3];
+        const std::size_t r2 = c.order[outward ? 3 : 2];
+        builder.add(c.order[0], r1);
+        builder.add(c.order[0], r2);
+        builder.add(c.order[1], r2);
+        builder.add(c.order[1], r1);
+    } else if (c.below == 3 && !is_hit(0)) {
+        for (std::size_t i = 1; i < 4; ++i) {
+            builder.add(c.order[0], c.order[i]);
+        }
+    }
+    return builder.polygon(c.below != 0 && c.below != 4);
+}
+
+namespace {
+
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-/// More than the arithmetic of a distance rounds.
+/// Larger than the rounding error of a distance.
 constexpr double kUp = 1 + 1e-12;
 
 }  // namespace
@@ -92,7 +179,7 @@ ElementErrors::Fold ElementErrors::fold_of(const Triangle& a, const Triangle& b)
     return {normal, dot(normal, a[0])};
 }
 
-/// On both sides of the fold; what is in it belongs to both.
+/// The parts on both sides of the fold; points in the fold belong to both.
 std::array<ElementErrors::Corners, 2> ElementErrors::cut(const Corners& corners, const Fold& fold) {
     std::array<Corners, 2> sides;
     for (std::size_t i = 0; i < corners.count; ++i) {
@@ -154,14 +241,14 @@ ElementErrors::Error ElementErrors::measure(const Element<3>& t, const ElementPo
     return error;
 }
 
-/// Cuts the piece as the element is bisected, and asks the children; false where the distance is
-/// above the limit.
+/// Divides the piece as the element is bisected, and tests the children; returns false if the
+/// distance is above the limit.
 bool ElementErrors::follow(const Element<3>& t, const std::array<std::int32_t, 2>& children,
                            const Piece& piece) {
     const std::size_t end = t.ref_end();
     const std::array<Element<3>, 2> halves = t.bisect(0);
     for (std::size_t half = 0; half < 2; ++half) {
-        // Nearer to the end that the half has.
+        // Closer to the end that the half contains.
         const std::size_t kept = half == 0 ? 0 : end;
         const std::size_t left = half == 0 ? end : 0;
         Piece inside;
@@ -217,9 +304,13 @@ bool ElementErrors::compare(const Element<3>& t, std::int32_t element, const Pie
     for (std::size_t i = 0; i < piece.count; ++i) {
         Double3 p{};
         for (std::size_t k = 0; k < 4; ++k) {
+            const double share = piece.place[i][k];
+            const Int3& v = t.v[k];
+            const Double3 part =
+                steps_.vector({share * static_cast<double>(v.x), share * static_cast<double>(v.y),
+                               share * static_cast<double>(v.z)});
             for (std::size_t axis = 0; axis < 3; ++axis) {
-                p[axis] += piece.place[i][k] * static_cast<double>(t.v[k][static_cast<int>(axis)]) *
-                           spacing_[axis];
+                p[axis] += part[axis];
             }
         }
         corners.add(p);
@@ -256,6 +347,55 @@ double ElementErrors::from_nearest(const Corners& corners,
         least = std::min(least, furthest(corners, c.triangle) + c.error.from);
     }
     return least;
+}
+
+NodeErrors::NodeErrors(ScratchFolder folder)
+    : folder_(std::move(folder)), errors_(folder_), table_(folder_) {
+    for (int h = 0; h < kHeights; ++h) {
+        links_.push_back(std::make_unique<GrowingFile<Pair>>(folder_));
+    }
+}
+
+void NodeErrors::append(std::span<const NodeError> errors, std::span<const NodeLink> links) {
+    for (const NodeError& e : errors) {
+        errors_.append(e);
+    }
+    for (const NodeLink& link : links) {
+        links_[static_cast<std::size_t>(link.height)]->append({link.parent, link.child});
+    }
+}
+
+NodeError& NodeErrors::place(std::uint64_t node) const {
+    const auto table = table_.as<NodeError>();
+    for (std::uint64_t at = HalfLatticeHash{}(node)&mask_;; at = (at + 1) & mask_) {
+        if (table[at].node == node || table[at].node == 0) {
+            return table[at];
+        }
+    }
+}
+
+void NodeErrors::saturate() {
+    errors_.seal();
+    const std::uint64_t size = std::bit_ceil(2 * errors_.size() + 2);
+    mask_ = size - 1;
+    table_.map(size * sizeof(NodeError));
+    for (const NodeError& e : errors_.all()) {
+        NodeError& to = place(e.node);
+        to.node = e.node;
+        to.error = std::max(to.error, e.error);
+    }
+    // A child's number is final when its own children's numbers have been passed up.
+    for (const auto& links : links_) {
+        links->seal();
+        for (const Pair& link : links->all()) {
+            float& parent = place(link.parent).error;
+            parent = std::max(parent, place(link.child).error);
+        }
+    }
+}
+
+double NodeErrors::at(std::uint64_t node) const {
+    return static_cast<double>(place(node).error);
 }
 
 }  // namespace isonest::detail

@@ -9,26 +9,23 @@
 #include <vector>
 
 #include "query/distance/element_error.h"
-#include "query/distance/node_errors.h"
-#include "query/march/local_mesh.h"
-#include "query/march/vertex_key.h"
+#include "query/march/mesh_part.h"
 #include "query/traverse/each_leaf.h"
-#include "query/traverse/far/element_scout.h"
-#include "query/traverse/far/given_ahead.h"
+#include "query/traverse/remote/look_ahead.h"
 #include "store/base/in_order.h"
-#include "store/container/indicator_code.h"
+#include "store/container/codec.h"
 
 namespace isonest::detail {
 namespace {
 
-/// Of the cubes that are worked on by themselves.
+/// Level of the cubes that are processed separately.
 constexpr int kBlockLevel = 5;
 static_assert(3 * kBlockLevel < NodeErrors::kHeights);
-/// Levels above these at which cubes are that are taken one after the other, so that few blocks are
-/// known at a time.
+/// Number of levels above these at which cubes are processed one after another, so that few blocks
+/// are known at a time.
 constexpr int kGroupLevels = 4;
 
-/// What the stop test asks for; no store has an indicator of that name.
+/// Field of the stop test; no store has an indicator of that name.
 constexpr Field kDistance = Field::values;
 
 std::uint64_t node_key(const Element<3>& t) {
@@ -58,69 +55,59 @@ struct StopsWithin {
     }
 };
 
-/// What both traversals have in common.
+/// Common data of both traversals.
 struct Grid {
-    ChunkCache& cache;
-    const TraversalQuery& query;
-    InBox region{query.box};
-    HoldsIsovalue interest{query.iso, query.bound, cache.source().layout().header().spacing};
+    explicit Grid(TraversalRun& of)
+        : run(of),
+          steps(run.layout().header().steps()),
+          interest{run.query.iso, run.query.bound, steps} {}
 
-    [[nodiscard]] const Lattice& lattice() const { return cache.source().layout().lattice(); }
-    [[nodiscard]] const Double3& spacing() const {
-        return cache.source().layout().header().spacing;
-    }
+    TraversalRun& run;
+    LatticeSteps steps;
+    InBox region{run.query.box};
+    HoldsIsovalue interest;
+
+    [[nodiscard]] const Lattice& lattice() const { return run.layout().lattice(); }
 };
 
-/// Calls visit(blocks) for the blocks with surface, group by group, from one thread. Where the
-/// store is far, look(elements, coarsest, finest) announces what elements need, as look_ahead().
+/// Calls visit(blocks) for the blocks with surface, group by group, from one thread. If the store
+/// is remote, look(elements, coarsest, finest) prefetches what elements need, like look_ahead().
 template <class Look, class Visit>
-void for_groups(const Grid& grid, const char* phase, Progress& progress, const Look& look,
-                const Visit& visit) {
+void for_groups(const Grid& grid, const char* phase, const Look& look, const Visit& visit) {
+    using Elements = std::span<const Element<3>>;
     const int top = grid.lattice().top();
     const int group_level = std::min(top, kBlockLevel + kGroupLevels);
     const int block_level = std::min(top, kBlockLevel);
-    const bool is_far = grid.cache.source().is_far();
-    const auto looked_at = [&](std::span<const Element<3>> elements, int coarsest, int finest) {
-        return is_far ? look(elements, coarsest, finest) : elements.size();
-    };
-    StoreNumbers numbers(grid.cache);
-    AdaptTraverse<3, StoreNumbers, InBox, HoldsIsovalue, NothingStops> traversal(
+    const bool is_remote = grid.run.cache.source().is_remote();
+    StoreNumbers numbers(grid.run.cache);
+    AdaptTraverse<Element<3>, StoreNumbers, InBox, HoldsIsovalue, NothingStops> traversal(
         numbers, grid.region, grid.interest, NothingStops{});
     const auto nothing = [](const Element<3>&, double, Overlap) {};
     std::vector<Element<3>> groups;
     const std::vector<Element<3>> roots = traversal.roots(grid.lattice());
-    looked_at(roots, top, group_level + 1);
+    if (is_remote) {
+        look(roots, top, group_level + 1);
+    }
     for (const Element<3>& t : roots) {
         traversal.above(t, group_level, nothing, groups);
     }
-    progress.begin(phase, groups.size(), "");
+    grid.run.progress.begin(phase, groups.size(), "");
     std::vector<Element<3>> blocks;
-    std::size_t ahead = 0;
-    GivenAhead given_groups;
-    GivenAhead given_blocks;
-    const auto take = [&](std::span<const Element<3>> left, int coarsest, int finest,
-                          GivenAhead& given_ahead) {
-        const std::size_t given = given_ahead.of(left.size());
-        const std::size_t taken = looked_at(left.first(given), coarsest, finest);
-        given_ahead.took(taken, given);
-        return taken;
-    };
-    for (std::size_t g = 0; g < groups.size(); ++g) {
-        progress.check();
-        if (g == ahead) {
-            ahead += take(std::span<const Element<3>>(groups).subspan(g), group_level,
-                          block_level + 1, given_groups);
-        }
-        blocks.clear();
-        traversal.above(groups[g], block_level, nothing, blocks);
-        for (std::size_t first = 0; first < blocks.size();) {
-            const auto left = std::span<const Element<3>>(blocks).subspan(first);
-            const std::size_t count = take(left, block_level, 0, given_blocks);
-            visit(left.first(count));
-            first += count;
-        }
-        progress.advance(1);
-    }
+    LookWindows of_groups(is_remote);
+    LookWindows of_blocks(is_remote);
+    of_groups.for_each(
+        Elements(groups), [&](Elements next) { return look(next, group_level, block_level + 1); },
+        [&](Elements window) {
+            for (const Element<3>& group : window) {
+                grid.run.progress.check();
+                blocks.clear();
+                traversal.above(group, block_level, nothing, blocks);
+                of_blocks.for_each(
+                    Elements(blocks), [&](Elements next) { return look(next, block_level, 0); },
+                    visit);
+                grid.run.progress.advance(1);
+            }
+        });
 }
 
 struct BlockErrors {
@@ -132,10 +119,13 @@ struct BlockErrors {
 class BlockMeasure {
   public:
     BlockMeasure(const Grid& grid, double limit)
-        : grid_(grid), numbers_(grid.cache), crossing_(grid.cache, grid.query.iso), limit_(limit) {}
+        : grid_(grid),
+          numbers_(grid.run.cache),
+          crossing_(grid.run.cache, grid.run.query.iso),
+          limit_(limit) {}
 
     BlockErrors operator()(const Element<3>& block) {
-        ElementErrors errors(grid_.spacing(), limit_);
+        ElementErrors errors(grid_.steps, limit_);
         errors_ = &errors;
         found_ = {};
         visit(block);
@@ -152,7 +142,8 @@ class BlockMeasure {
             return errors_->add_finest(polygon(t));
         }
         const Int3 node = t.ref_node();
-        if (!grid_.interest.may_hold(t, numbers_.indicator(node, grid_.query.bound))) {
+        if (!grid_.interest.may_hold(t, numbers_.indicator(node, grid_.run.query.bound),
+                                     numbers_)) {
             return ElementErrors::kNoSurface;
         }
         const ElementErrors::Mark mark = errors_->mark(t);
@@ -173,7 +164,7 @@ class BlockMeasure {
         return element;
     }
     ElementPolygon polygon(const Element<3>& t) {
-        return t.is_complete() ? element_polygon(t, grid_.query.iso, grid_.spacing(), crossing_)
+        return t.is_complete() ? element_polygon(t, grid_.run.query.iso, grid_.steps, crossing_)
                                : ElementPolygon{};
     }
 
@@ -185,45 +176,24 @@ class BlockMeasure {
     BlockErrors found_;
 };
 
-/// See ElementScout.
-struct NoLeaves {
-    void operator()(const Element<3>& /*leaf*/, Wants& /*wants*/) const {}
-};
-using MeasureScout = ElementScout<3, StoreNumbers, InBox, HoldsIsovalue, NothingStops, NoLeaves>;
-
-/// What the vertices of a leaf are made from.
-class LeafNeeds {
-  public:
-    LeafNeeds(ChunkCache& cache, const TraversalQuery& query) : needs_(cache, query) {}
-    void operator()(const Element<3>& leaf, Wants& wants) {
-        for (std::size_t i = 0; leaf.is_complete() && i < 4; ++i) {
-            for (std::size_t j = i + 1; j < 4; ++j) {
-                needs_.edge(leaf.v[i], leaf.value[i], leaf.v[j], leaf.value[j], wants);
-            }
-        }
-    }
-
-  private:
-    EdgeNeeds needs_;
-};
-using MarchScout = ElementScout<3, DistanceNumbers, InBox, HoldsIsovalue, StopsWithin, LeafNeeds>;
-
-void measure(const Grid& grid, double limit, NodeErrors& errors, Progress& progress) {
+void measure(const Grid& grid, double limit, NodeErrors& errors) {
+    TraversalRun& run = grid.run;
     tbb::enumerable_thread_specific<BlockMeasure> measures(
         [&] { return BlockMeasure(grid, limit); });
     const auto look = [&](std::span<const Element<3>> elements, int coarsest, int finest) {
-        // Nobody else holds chunks meanwhile.
+        // No chunks are held meanwhile.
         measures.clear();
-        return look_ahead(grid.cache, nullptr, elements, coarsest, finest, false, [&] {
-            return MeasureScout(grid.cache.source().layout(), StoreNumbers(grid.cache), grid.region,
-                                grid.interest, NothingStops{}, {grid.query.bound}, NoLeaves{});
+        return look_ahead(run.cache, nullptr, elements, coarsest, finest, false, [&] {
+            return element_scout<Element<3>>(
+                StoreNumbers(run.cache), grid.region, grid.interest, NothingStops{},
+                SimplexNeeds(run.cache, run.query, {run.query.bound}, LeafReads::nothing));
         });
     };
-    for_groups(grid, "distances", progress, look, [&](std::span<const Element<3>> blocks) {
+    for_groups(grid, "distances", look, [&](std::span<const Element<3>> blocks) {
         in_order(
             static_cast<std::int64_t>(blocks.size()), tbb::this_task_arena::max_concurrency() + 1,
             [&](std::int64_t i) {
-                progress.check();
+                run.progress.check();
                 return measures.local()(blocks[static_cast<std::size_t>(i)]);
             },
             [&](std::int64_t /*i*/, const BlockErrors& found) {
@@ -234,29 +204,14 @@ void measure(const Grid& grid, double limit, NodeErrors& errors, Progress& progr
 }
 
 /// Marches the leaves of blocks.
-class BlockMarch {
+class BlockMarch : public SubtreeMesh {
   public:
-    BlockMarch(const Grid& grid, const NodeErrors& errors, double limit, std::size_t part_vertices,
-               const PartSink& sink)
-        : numbers_(grid.cache, errors),
-          traversal_(numbers_, grid.region, grid.interest, StopsWithin{limit}),
-          query_(grid.query),
-          part_vertices_(part_vertices),
-          sink_(sink),
-          attributes_(query_.attributes, grid.cache, query_.attribute_values),
-          crossing_(grid.cache, query_.iso),
-          mesh_(&attributes_, false, &crossing_) {}
-    BlockMarch(const BlockMarch&) = delete;
-    BlockMarch& operator=(const BlockMarch&) = delete;
+    BlockMarch(TraversalRun& run, const NodeErrors& errors)
+        : SubtreeMesh(run), numbers_(run.cache, errors) {}
 
-    void block(const Element<3>& block, std::uint64_t order) {
-        order_ = order;
-        traversal_.subtree(block, *this);
-        flush();
-    }
+    [[nodiscard]] DistanceNumbers& numbers() { return numbers_; }
     void operator()(const Element<3>& leaf, double distance, Overlap where) {
-        ++counts_.leaves;
-        counts_.error_bound = std::max(counts_.error_bound, distance);
+        count_leaf(distance);
         if (!leaf.is_complete()) {
             return;
         }
@@ -264,48 +219,52 @@ class BlockMarch {
         for (std::size_t i = 0; i < 4; ++i) {
             corners[i] = {leaf.v[i], leaf.value[i]};
         }
-        mesh_.march(corners, is_positive(leaf), query_.iso, where == Overlap::crossing);
-        if (mesh_.size() >= part_vertices_) {
-            flush();
-        }
-    }
-    [[nodiscard]] TraversalCounts counts() const {
-        TraversalCounts counts = counts_;
-        counts.visited = traversal_.counts().visited;
-        counts.value_rounding = attributes_.value_rounding();
-        return counts;
+        mesh_.march(corners, is_positive(leaf), run_.query.iso, where == Overlap::crossing);
+        flush_if_full();
     }
 
   private:
-    void flush() {
-        if (!mesh_.empty()) {
-            sink_(order_++, mesh_.finish(query_.box));
-        }
-    }
-
     DistanceNumbers numbers_;
-    AdaptTraverse<3, DistanceNumbers, InBox, HoldsIsovalue, StopsWithin> traversal_;
-    const TraversalQuery& query_;
-    std::size_t part_vertices_;
-    const PartSink& sink_;
-    AttributeSampler attributes_;
-    FinestCrossing crossing_;
-    LocalMesh mesh_;
-    std::uint64_t order_ = 0;
-    TraversalCounts counts_;
 };
+
+TraversalCounts march_within(const Grid& grid, double limit, const NodeErrors& errors) {
+    TraversalRun& run = grid.run;
+    const StopsWithin stop{limit};
+    using Worker = SubtreeWorker<Element<3>, HoldsIsovalue, StopsWithin, BlockMarch>;
+    SubtreeWorkers<Worker> workers(
+        [&] { return Worker(run, grid.interest, stop, [&] { return BlockMarch(run, errors); }); });
+    const auto look = [&](std::span<const Element<3>> elements, int coarsest, int finest) {
+        workers.leave();
+        return look_ahead(
+            run.cache, run.query.attribute_values, elements, coarsest, finest, true, [&] {
+                return element_scout<Element<3>>(
+                    DistanceNumbers(run.cache, errors), grid.region, grid.interest, stop,
+                    SimplexNeeds(run.cache, run.query, {run.query.bound}, LeafReads::edges));
+            });
+    };
+    std::uint64_t blocks_before = 0;
+    for_groups(grid, "extract", look, [&](std::span<const Element<3>> blocks) {
+        tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t i) {
+            workers.local().subtree(blocks_before + i, blocks[i]);
+        });
+        blocks_before += blocks.size();
+    });
+    TraversalCounts counts = workers.counts();
+    counts.bricks = blocks_before;
+    return counts;
+}
 
 }  // namespace
 
 std::uint64_t distance_traversal_heap(const StoreLayout& layout, const TraversalQuery& query) {
     std::uint64_t held = 0;
     for (const ArrayInfo& array : layout.arrays()) {
-        // Two samplers hold values of each level, one the bound.
+        // Two samplers hold values of each level, one holds the bound.
         held += array.field == Field::values ? 2 * array.chunk_bytes()
                 : array.field == query.bound ? array.chunk_bytes()
                                              : 0;
     }
-    // What is found in a block, up to 32^3 elements, and handed on.
+    // The results of a block, up to 32^3 elements.
     constexpr std::uint64_t kBlock = std::uint64_t{8} << 20U;
     return held + kBlock;
 }
@@ -314,39 +273,11 @@ TraversalCounts traverse_within_distance(ChunkCache& cache, const TraversalQuery
                                          double limit, const ScratchFolder& folder,
                                          std::size_t part_vertices, const PartSink& sink,
                                          Progress& progress) {
-    const Grid grid{cache, query};
+    TraversalRun run(cache, query, part_vertices, sink, progress);
+    const Grid grid(run);
     NodeErrors errors(folder);
-    measure(grid, limit, errors, progress);
-    tbb::enumerable_thread_specific<BlockMarch> marches(
-        [&] { return BlockMarch(grid, errors, limit, part_vertices, sink); });
-    // Numbers of parts: by group, block, and part of the block.
-    constexpr unsigned kPartBits = 20;
-    std::uint64_t number = 0;
-    TraversalCounts counts;
-    const auto add_counts = [&] {
-        for (const BlockMarch& march : marches) {
-            counts.add(march.counts());
-        }
-    };
-    const auto look = [&](std::span<const Element<3>> elements, int coarsest, int finest) {
-        add_counts();
-        marches.clear();
-        return look_ahead(cache, query.attribute_values, elements, coarsest, finest, true, [&] {
-            return MarchScout(cache.source().layout(), DistanceNumbers(cache, errors), grid.region,
-                              grid.interest, StopsWithin{limit}, {query.bound},
-                              LeafNeeds(cache, query));
-        });
-    };
-    for_groups(grid, "extract", progress, look, [&](std::span<const Element<3>> blocks) {
-        tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t i) {
-            progress.check();
-            marches.local().block(blocks[i], (number + i) << kPartBits);
-        });
-        number += blocks.size();
-    });
-    add_counts();
-    counts.bricks = number;
-    return counts;
+    measure(grid, limit, errors);
+    return march_within(grid, limit, errors);
 }
 
 }  // namespace isonest::detail

@@ -1,4 +1,4 @@
-// What a query may ask for that does not go with everything: one table.
+// The options of queries that cannot be combined, as one table.
 #pragma once
 
 #include <bitset>
@@ -14,12 +14,8 @@
 
 namespace isonest::detail {
 
-enum class Wish : std::uint8_t {
-    // Of what data.
-    plane_data,
-    volume_data,
-    no_store,
-    // What is extracted.
+enum class Feature : std::uint8_t {
+    // The product.
     isolines,
     label,
     smooth_label,
@@ -27,9 +23,7 @@ enum class Wish : std::uint8_t {
     stepped_label,
     interfaces,
     details,
-    slice,
-    graph,
-    // Its cells and vertices, and which elements are visited.
+    // Cells, vertices and visited elements.
     hexahedra,
     coarse_hexahedra,
     tetrahedra,
@@ -39,7 +33,7 @@ enum class Wish : std::uint8_t {
     box,
     normals,
     vertex_fields,
-    // When it stops.
+    // Stop tests.
     error,
     threshold,
     estimate,
@@ -49,50 +43,55 @@ enum class Wish : std::uint8_t {
     fast,
     nested_distance,
     simplified_error,
-    // Stages, and what is kept.
+    // Stages, and kept data.
     closing,
     closing_above,
     open,
     components,
-    least_volume,
+    min_volume,
     analysis,
     volume_interval
 };
 
-/// How the table calls it.
-const char* name_of(Wish wish);
+/// The feature's name in the table.
+const char* name_of(Feature feature);
 
-using Wishes = std::bitset<static_cast<std::size_t>(Wish::volume_interval) + 1>;
+using Features = std::bitset<static_cast<std::size_t>(Feature::volume_interval) + 1>;
 
-/// A row: what does not go with what, and why, with what to do about it.
+/// A row: a feature, those with which it cannot be combined, and the reason.
 struct Combination {
-    Wish wish;
-    Wish with;
+    Feature feature;
+    Features with;
     const char* reason;
-    std::optional<RemedyKind> remedy = {};
 };
 
-/// All rows; the first that fits is the one that is told.
+/// All rows; the first one that applies is reported.
 std::span<const Combination> refused_combinations();
 
-Wishes wishes_of(const StoreReader& store, const SurfaceQuery& query);
-Wishes wishes_of(const StoreReader& store, const LabelQuery& query);
-Wishes wishes_of(const StoreReader& store, const SliceQuery& query);
-Wishes wishes_of(const StoreReader& store, const ContourQuery& query);
-Wishes wishes_of(const StoreReader& store, const GraphQuery& query);
-/// Of a volume without a store.
-Wishes wishes_of(const VolumeDescription& volume, const SurfaceQuery& query);
-/// Of the query alone, whatever the store.
-Wishes wishes_of(const SurfaceQuery& query);
+Features features_of(const StoreReader& store, const SurfaceQuery& query);
+Features features_of(const StoreReader& store, const LabelQuery& query);
+Features features_of(const SliceQuery& query);
+Features features_of(const GraphQuery& query);
+/// Features for a volume without a store. REQUIRES (for the cells): no needs_store().
+Features features_of(const VolumeDescription& volume, const SurfaceQuery& query);
+/// Features of the query alone, independent of the store.
+Features features_of(const SurfaceQuery& query);
 
-/// Those that are asked for, or that suit the wishes best.
-Cells cells_of(const Wishes& wishes);
+/// The requested cells, or those that suit the features best.
+Cells cells_of(const Features& features);
 
-/// Whether what is wished from a volume without a store needs one.
-bool needs_store(const Wishes& wishes);
+/// Whether and how the mesh is simplified: as requested, or as suits the features best.
+Effort effort_of(const Features& features);
 
-/// Throws Error{invalid_argument} with the reason of the first row that fits. `name`: of the store,
-/// or empty.
-void require_combination(const Wishes& wishes, const std::string& name);
+/// Whether a query of a volume needs more than the values at full resolution.
+bool needs_store(const VolumeDescription& volume, const SurfaceQuery& query);
+
+/// Whether the query is for the whole surface of hexahedra without any processing of the mesh: for
+/// a volume it is output in its own order. REQUIRES: no needs_store().
+bool is_plain_surface(const SurfaceQuery& query);
+
+/// Throws Error{invalid_argument} with the first two features that cannot be combined, and the
+/// reason. `name`: of the store, or empty.
+void require_combination(const Features& features, const std::string& name);
 
 }  // namespace isonest::detail

@@ -13,26 +13,30 @@
 
 #include <isonest/error.h>
 
-#include "query/view/indicator_box.h"
-#include "query/view/label_view.h"
-#include "store/base/label_bits.h"
-#include "store/base/memory_budget.h"
-#include "store/container/announce/announcer.h"
-#include "store/container/gather.h"
-#include "store/container/indicator_code.h"
+#include "query/values/label_view.h"
+#include "query/values/node_sampler.h"
+#include "store/base/label_text.h"
+#include "store/base/memory.h"
+#include "store/container/chunk_cache.h"
+#include "store/container/codec.h"
 #include "store/exports/volume_file.h"
 #include "store/files/output_file.h"
 
 namespace isonest::detail {
 namespace {
 
-/// The memory of an export: boxes of a chunk's nodes along y and z, as long along x as it allows.
+/// The memory of an export: boxes of a chunk's nodes along y and z, as long along x as the memory
+/// allows.
 struct Shares {
     Int3 box;             ///< nodes
     std::uint64_t cache;  ///< bytes
 };
 
-/// `beside`: bytes beside the box and the cache.
+std::uint64_t held_for(const VolumeFile& file, const ArrayInfo& array) {
+    return file.held(static_cast<std::uint64_t>(array.chunk.y * array.chunk.z));
+}
+
+/// `beside`: bytes in addition to the box and the cache.
 Shares share(const StoreReader& store, std::uint64_t memory, const ArrayInfo& array,
              std::size_t element, std::uint64_t beside) {
     const std::uint64_t column = static_cast<std::uint64_t>(array.chunk.product()) * element;
@@ -49,7 +53,7 @@ Shares share(const StoreReader& store, std::uint64_t memory, const ArrayInfo& ar
 }
 
 /// Calls f(lo, size) for all boxes of the lattice, of at most `box` nodes. want(lo, size, chunks)
-/// adds what f reads.
+/// adds the chunks that f reads.
 template <class Want, class F>
 void for_each_box(const StoreReader& store, const Int3& nodes, const Int3& box, Progress& progress,
                   const Want& want, const F& f) {
@@ -58,22 +62,22 @@ void for_each_box(const StoreReader& store, const Int3& nodes, const Int3& box, 
         const Int3 g = grid.unlinear(i);
         return Int3{g.x * box.x, g.y * box.y, g.z * box.z};
     };
-    Announcer announcer(store, 0, grid.product(),
-                        [&](std::int64_t i, std::vector<WantedChunk>& chunks) {
-                            const Int3 lo = first_of(i);
-                            want(lo, min(box, nodes - lo), chunks);
-                        });
+    Prefetcher prefetcher(store, 0, grid.product(),
+                          [&](std::int64_t i, std::vector<WantedChunk>& chunks) {
+                              const Int3 lo = first_of(i);
+                              want(lo, min(box, nodes - lo), chunks);
+                          });
     progress.begin("export", static_cast<std::uint64_t>(grid.product()), "boxes");
     for (std::int64_t i = 0; i < grid.product(); ++i) {
         progress.check();
-        announcer.reach(i);
+        prefetcher.reach(i);
         const Int3 lo = first_of(i);
         f(lo, min(box, nodes - lo));
         progress.advance(1);
     }
 }
 
-/// In place: the labels, as int64, that values stand for.
+/// Replaces values, in place, by the labels that they represent, as int64.
 template <class T>
 void to_labels(Box<T>& box) {
     if constexpr (std::is_same_v<T, double>) {
@@ -87,7 +91,7 @@ void to_labels(Box<T>& box) {
 template <class T>
 void export_values(const StoreReader& store, const ArrayInfo& array, std::uint64_t memory,
                    VolumeFile& file, Progress& progress) {
-    const Shares shares = share(store, memory, array, sizeof(T), 0);
+    const Shares shares = share(store, memory, array, sizeof(T), held_for(file, array));
     ChunkCache cache(store, shares.cache);
     const auto want = [&](const Int3& lo, const Int3& size, std::vector<WantedChunk>& chunks) {
         want_box(array, lo, lo + size - Int3{1, 1, 1}, chunks);
@@ -103,8 +107,8 @@ void export_values(const StoreReader& store, const ArrayInfo& array, std::uint64
                  });
 }
 
-/// What fill_indicators() reads for a box and no box before it does: a chunk goes with the box in
-/// which the first of its nodes, or the node before that, lies.
+/// Adds what fill_indicators() reads for a box and for no earlier box: a chunk belongs to the box
+/// that contains the first of its nodes, or the node before that.
 void want_indicators(const StoreLayout& layout, const ExportOptions& options, const Int3& box,
                      const Int3& lo, const Int3& size, std::vector<WantedChunk>& chunks) {
     const auto add = [&](const ArrayInfo& array) {
@@ -132,7 +136,8 @@ void want_indicators(const StoreLayout& layout, const ExportOptions& options, co
 void export_indicator(const StoreReader& store, const ExportOptions& options, VolumeFile& file,
                       Progress& progress) {
     const ArrayInfo& values = store.layout().array(0, Field::values);
-    const Shares shares = share(store, options.memory, values, sizeof(float), kIndicatorBoxHeap);
+    const Shares shares = share(store, options.memory, values, sizeof(float),
+                                kIndicatorBoxHeap + held_for(file, values));
     ChunkCache cache(store, shares.cache);
     const auto want = [&](const Int3& lo, const Int3& size, std::vector<WantedChunk>& chunks) {
         want_indicators(store.layout(), options, shares.box, lo, size, chunks);
@@ -187,12 +192,13 @@ void export_field(const StoreReader& store, const std::filesystem::path& path,
         others.erase(std::remove_if(others.begin(), others.end(), is_of_cells), others.end());
         throw Error(
             ErrorKind::invalid_argument, {store.path().string()},
-            fmt::format("{} has a number for each cell of each level, not for each node: "
-                        "there is no volume of it",
+            fmt::format("{} has a number for each cell, not for each node, and cannot be exported "
+                        "as a volume",
                         name_of(options.field)),
             {{RemedyKind::other_field, fmt::format("{}", fmt::join(names_of(others), ","))}});
     }
-    // Names the fields there are, or the levels, if the wanted ones are not.
+    // Throws an error that lists the existing fields, or levels, if the requested one does not
+    // exist.
     if (layout.lattice().top() > 0 || !layout.has(options.field)) {
         static_cast<void>(layout.array(std::max(options.level, 1), options.field));
     }

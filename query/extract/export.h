@@ -1,4 +1,4 @@
-// Fields of a store as plain volume files.
+// Exports fields of a store to plain volume files.
 #pragma once
 
 #include <filesystem>
@@ -12,18 +12,18 @@ namespace isonest::detail {
 
 struct ExportOptions {
     Field field = Field::values;
-    /// Values: the level. Indicators: only nodes of this level or coarser, 0 or 1 = all.
+    /// For values: the level. For indicators: only nodes of this level or coarser, 0 or 1 = all.
     int level = 0;
     bool force = false;
     std::uint64_t memory = std::uint64_t{256} << 20U;
 };
 
-/// Values: the lattice of a level in the input's type; labels of 64 bits as int64, and such a store
-/// has no indicators to export (Error{unsupported}). An indicator: the nodal array on the finest
-/// lattice as float32, 0 at the macro vertices (and nodes that refine nothing in the volume).
-/// The file's kind follows from its name: see create_volume_file().
-/// A field of cells is refused. Each chunk is decoded a bounded number of times, values once.
-/// Throws Error{not_found, invalid_argument, limit, io, corrupt, cancelled}.
+/// Values: writes the lattice of a level in the input's type. 64-bit labels are written as int64;
+/// such a store has no indicators to export (Error{unsupported}). An indicator: writes the nodal
+/// array on the finest lattice as float32, 0 at the macro vertices (and at nodes that refine
+/// nothing in the volume). The file type is given by the name: see create_volume_file(). Fields of
+/// cells are rejected. Each chunk is decoded a bounded number of times, values once. Throws
+/// Error{not_found, invalid_argument, limit, io, corrupt, cancelled}.
 void export_field(const StoreReader& store, const std::filesystem::path& path,
                   const ExportOptions& options, Progress& progress);
 

@@ -7,23 +7,106 @@
 #include <limits>
 
 #include <isonest/error.h>
+#include <isonest/extract.h>
 
-#include "query/extract/analysis/kept_analysis.h"
 #include "query/extract/combinations.h"
+#include "query/extract/kept_analysis.h"
 #include "query/extract/query_checks.h"
-#include "query/extract/stages/error_stage.h"
-#include "query/mesh/coordinate_rounding.h"
-#include "query/slabs/slab_plan.h"
-#include "query/view/label_view.h"
-#include "store/base/hypot3.h"
-#include "store/container/extent.h"
+#include "query/extract/stages/simplify_stages.h"
+#include "query/mesh/vertex_stars.h"
+#include "query/slabs/slab_reader.h"
+#include "query/values/label_view.h"
+#include "store/base/vectors.h"
+#include "store/base/workers.h"
+#include "store/container/format.h"
 
 namespace isonest::detail {
 namespace {
 
+Focus turned(const Focus& focus, const StoreHeader& header) {
+    constexpr double kMax = std::numeric_limits<double>::infinity();
+    Focus out = focus;
+    out.lo = {kMax, kMax, kMax};
+    out.hi = {-kMax, -kMax, -kMax};
+    for (unsigned corner = 0; corner < 8; ++corner) {
+        Double3 p{};
+        for (std::size_t a = 0; a < 3; ++a) {
+            p[a] = (corner >> a & 1U) != 0 ? focus.hi[a] : focus.lo[a];
+        }
+        p = unrotated_about(header.origin, header.rotation(), p);
+        for (std::size_t a = 0; a < 3; ++a) {
+            out.lo[a] = std::min(out.lo[a], p[a]);
+            out.hi[a] = std::max(out.hi[a], p[a]);
+        }
+    }
+    return out;
+}
+
+void require_no_box(const std::optional<WorldBox>& box, const std::string& name) {
+    if (box) {
+        throw Error(ErrorKind::unsupported, {name},
+                    "a box needs a volume whose axes are along the world's; crop the volume when "
+                    "it is preprocessed",
+                    {{RemedyKind::leave_out, "box"}});
+    }
+}
+
+/// Common part of surfaces of values, slices and contours.
+template <class Query>
+Query with_places(Query query, const StoreHeader& header, const std::string& name) {
+    require_no_box(query.box, name);
+    if (query.focus) {
+        query.focus = turned(*query.focus, header);
+    }
+    if (query.camera) {
+        query.camera->position =
+            unrotated_about(header.origin, header.rotation(), query.camera->position);
+    }
+    return query;
+}
+
+}  // namespace
+
+WorldPlane in_own_axes(const WorldPlane& plane, const StoreHeader& header) {
+    WorldPlane own;
+    own.normal = unrotated(header.rotation(), plane.normal);
+    own.offset = plane.offset - dot(plane.normal, header.origin) + dot(own.normal, header.origin);
+    return own;
+}
+
+SurfaceQuery in_own_axes(SurfaceQuery query, const StoreHeader& header, const std::string& name) {
+    query = with_places(std::move(query), header, name);
+    if (auto& culling = query.grid.culling) {
+        culling->direction = unrotated(header.rotation(), culling->direction);
+    }
+    return query;
+}
+LabelQuery in_own_axes(LabelQuery query, const StoreHeader& /*header*/, const std::string& name) {
+    require_no_box(query.box, name);
+    return query;
+}
+SliceQuery in_own_axes(SliceQuery query, const StoreHeader& header, const std::string& name) {
+    query = with_places(query, header, name);
+    query.plane = in_own_axes(query.plane, header);
+    return query;
+}
+ContourQuery in_own_axes(ContourQuery query, const StoreHeader& header, const std::string& name) {
+    query = with_places(std::move(query), header, name);
+    query.plane = in_own_axes(query.plane, header);
+    return query;
+}
+GraphQuery in_own_axes(const GraphQuery& /*query*/, const StoreHeader& /*header*/,
+                       const std::string& name) {
+    throw Error(ErrorKind::unsupported, {name},
+                "a graph needs axes along the world's; preprocess the data without directions",
+                {{RemedyKind::place_in_world, "spacing"}});
+}
+
+namespace {
+
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// The bound of the interest test: the one asked for, or the tightest sound one that there is.
+/// The bound of the interest test: the requested one, or the tightest sound one in the store.
 Field bound_of(const StoreReader& store, const std::optional<Field>& asked) {
     if (!asked) {
         const Field bound = store.layout().tightest_bound().value_or(Field::deviation_bar);
@@ -33,8 +116,8 @@ Field bound_of(const StoreReader& store, const std::optional<Field>& asked) {
     if (!is_bound(*asked)) {
         throw Error(
             ErrorKind::invalid_argument,
-            fmt::format("the field {} bounds nothing; deviation_bar, deviation_plus, "
-                        "linf_plus and grad_linf_plus do",
+            fmt::format("the field {} is no bound; use deviation_bar, deviation_plus, linf_plus or "
+                        "grad_linf_plus",
                         name_of(*asked)),
             {{RemedyKind::other_field, "deviation_bar,deviation_plus,linf_plus,grad_linf_plus"}});
     }
@@ -52,18 +135,18 @@ Culling culling_of(const StoreReader& store, const BackfaceCulling& asked) {
     const Field field =
         asked.field.value_or(by_normal ? Field::normal_turn_plus : Field::grad_linf_plus);
     if (field != Field::normal_turn_plus && field != Field::grad_linf_plus) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("the field {} shows no backfaces; normal_turn_plus and "
-                                "grad_linf_plus do",
-                                name_of(field)),
-                    {{RemedyKind::other_field, "normal_turn_plus,grad_linf_plus"}});
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format(
+                "the field {} cannot detect backfaces; use normal_turn_plus or grad_linf_plus",
+                name_of(field)),
+            {{RemedyKind::other_field, "normal_turn_plus,grad_linf_plus"}});
     }
     require_field(store, field, "leaving out backfaces");
-    return {v, field, store.layout().header().spacing};
+    return {v, field, store.layout().header().steps()};
 }
 
-ClipBox clip_box(const StoreReader& store, const std::optional<WorldBox>& box) {
-    const StoreHeader& header = store.layout().header();
+ClipBox clip_box(const StoreHeader& header, const std::optional<WorldBox>& box) {
     ClipBox clip;
     for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
@@ -83,7 +166,7 @@ ClipBox clip_box(const StoreReader& store, const std::optional<WorldBox>& box) {
     return clip;
 }
 
-/// A slice along an axis within the box is not to be cut along that axis: what lies in the box's
+/// A slice across an axis within the box must not be clipped along that axis: a slice in the box's
 /// own face would be lost. Data in a plane have no extent along their flat axis.
 void keep_on_border(const StoreReader& store, TraversalQuery& query) {
     const Lattice& lattice = store.layout().lattice();
@@ -102,39 +185,37 @@ void keep_on_border(const StoreReader& store, TraversalQuery& query) {
     }
 }
 
-/// What all queries have.
+/// Common part of all queries.
 ExtractQuery begun(const StoreReader& store, Product product, const Stop& stop, Cells cells,
                    const std::optional<WorldBox>& box) {
     const StoreHeader& header = store.layout().header();
     ExtractQuery asked;
     asked.product = product;
-    asked.spacing = header.spacing;
+    asked.steps = header.steps();
     asked.origin = header.origin;
     asked.threshold = stop.threshold;
     asked.traversal.cells = cells;
     asked.traversal.stop = stop.field;
-    // Where nothing is searched the bound is not used.
+    // If nothing is searched, the bound is not used.
     asked.traversal.bound = store.layout().tightest_bound().value_or(stop.field);
-    asked.traversal.tolerance = Tolerance(stop.threshold, {}, {}, header.spacing, header.origin);
-    asked.traversal.box = clip_box(store, box);
+    asked.traversal.tolerance = Tolerance(stop.threshold, {}, {}, asked.steps, header.origin);
+    asked.traversal.box = clip_box(header, box);
     return asked;
 }
 
-/// The same of those whose tolerance varies. `finest_needs_none`: an error of 0 needs no field of
-/// cells.
+/// The same for queries with a varying tolerance.
 template <class Query>
 ExtractQuery begun(const StoreReader& store, Product product, const Query& query, Cells cells,
-                   bool finest_needs_none) {
-    const Stop stop = cells == Cells::hexahedra
-                          ? stop_of_cells(store, query.stop, finest_needs_none)
-                          : stop_of(store, query.stop);
+                   CellField cell_field) {
+    const Stop stop = cells == Cells::hexahedra ? stop_of_cells(store, query.stop, cell_field)
+                                                : stop_of(store, query.stop);
     ExtractQuery asked = begun(store, product, stop, cells, query.box);
     asked.traversal.tolerance =
-        Tolerance(stop.threshold, query.focus, query.camera, asked.spacing, asked.origin);
+        Tolerance(stop.threshold, query.focus, query.camera, asked.steps, asked.origin);
     return asked;
 }
 
-/// What the vertices carry. `needs_value`: also if no other store gives values.
+/// Chooses the attributes of vertices. `needs_value`: also if no other store gives values.
 void choose_attributes(const StoreReader& store, const MeshAttributes& chosen, bool needs_value,
                        bool float64, ExtractQuery& asked) {
     AttributeChoice& attributes = asked.traversal.attributes;
@@ -161,24 +242,25 @@ void choose_attributes(const StoreReader& store, const MeshAttributes& chosen, b
     }
 }
 
-/// The distances of a surface's stop: of its simplification and of the traversal.
+/// The distances of a surface's stop test: for its simplification and for the traversal.
 struct DistanceOfStop {
     const StoreHeader& header;
+    Effort effort;
     ExtractQuery& asked;
 
     void operator()(const DistanceBound& stop) const {
-        asked.stages.distance = {world_distance(header, stop), std::nullopt, stop.effort};
-    }
-    void operator()(const TriangleBudget& stop) const {
-        asked.stages.distance = {
-            stop.within ? world_distance(header, *stop.within) : diagonal_of(header), stop.most,
-            stop.effort};
-    }
-    void operator()(const NestedDistanceBound& stop) const {
-        if (const double distance = world_distance(header, stop.bound); distance > 0) {
+        const double distance = world_distance(header, stop);
+        if (effort != Effort::none) {
+            asked.stages.distance = {distance, std::nullopt, effort};
+        } else if (distance > 0) {
             asked.nested_distance = distance;
             asked.traversal.vertices = VertexPlace::exact;
         }
+    }
+    void operator()(const TriangleBudgetByDistance& stop) const {
+        const double most = diagonal_of(header);
+        const double within = stop.within ? world_distance(header, *stop.within) : most;
+        asked.stages.distance = {within, stop.most, effort, within >= most};
     }
     template <class Other>
     void operator()(const Other& /*stop*/) const {}
@@ -192,7 +274,7 @@ void choose_stages(const SurfaceStages& stages, ExtractQuery& asked) {
     }
 }
 
-/// Sets the isovalue between the label and the others, and the part of the volume where it is.
+/// Sets the isovalue between the label and the others, and the part of the volume that contains it.
 void choose_label(const StoreReader& store, const LabelChoice& label, ExtractQuery& asked) {
     const StoreHeader& header = store.layout().header();
     require_label(store, label.id);
@@ -218,15 +300,15 @@ void choose_label(const StoreReader& store, const LabelChoice& label, ExtractQue
     }
 }
 
-/// How vertices are rounded and kept apart.
+/// Sets how vertices are rounded and separated.
 void choose_apart(const StoreHeader& header, ExtractQuery& asked) {
-    asked.coordinate_rounding = coordinate_rounding(header.nodes, asked.spacing, asked.origin);
-    if (header.direction != kAlongWorld) {
-        asked.turn = Turn{header.origin, header.direction};
-        asked.least_apart =
-            std::max(kLeastApart, asked.turn->least_step(header.nodes, header.spacing));
+    asked.coordinate_rounding = coordinate_rounding(header.nodes, asked.steps, asked.origin);
+    if (const Directions rotation = header.rotation(); rotation != kAlongWorld) {
+        asked.rotation = Rotation{header.origin, rotation};
+        asked.min_apart =
+            std::max(kMinApart, asked.rotation->min_step(header.nodes, header.steps()));
     }
-    asked.moves_apart = is_short_step(step_apart(asked.coordinate_rounding, asked.least_apart));
+    asked.moves_apart = is_short_step(step_apart(asked.coordinate_rounding, asked.min_apart));
 }
 
 ExtractQuery finished(const StoreReader& store, ExtractQuery asked) {
@@ -237,6 +319,27 @@ ExtractQuery finished(const StoreReader& store, ExtractQuery asked) {
 }
 
 }  // namespace
+
+double MeshPlace::max_moved() const {
+    const LatticeSteps& steps = lattice.steps;
+    return steps.is_sheared() ? rounding * steps.diagonal()
+                              : std::sqrt(3.0) * rounding * steps.longest();
+}
+
+PatchBox MeshPlace::faces_of(const ClipBox& of) const {
+    constexpr double kMore = 4;
+    return box_faces(of.lo, of.hi, lattice.steps, lattice.origin, kMore * max_moved());
+}
+
+MeshPlace mesh_place(const ExtractQuery& query, const Int3& nodes) {
+    return {{query.origin, query.steps, nodes},
+            query.asked_box.value_or(query.traversal.box),
+            query.coordinate_rounding};
+}
+
+MemoryShare memory_of(const ExtractOptions& options, const std::string& name) {
+    return {name, options.memory, Workers::count_of(options.threads)};
+}
 
 double world_distance(const StoreHeader& header, const DistanceBound& asked) {
     double voxel = kInfinity;
@@ -259,9 +362,9 @@ double distance_left(const std::string& name, double distance, double moved) {
 }
 
 ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, bool float64) {
-    const Wishes wishes = wishes_of(store, query);
-    require_combination(wishes, store.path().string());
-    const Cells cells = cells_of(wishes);
+    const Features features = features_of(store, query);
+    require_combination(features, store.path().string());
+    const Cells cells = cells_of(features);
     const bool flat = store.layout().lattice().dimension() == 2;
     if (!std::isfinite(query.iso)) {
         throw Error(ErrorKind::invalid_argument,
@@ -269,11 +372,16 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     }
     if (store.layout().header().labels) {
         throw Error(ErrorKind::invalid_argument, {store.path().string()},
-                    "its values are labels of 64 bits: a surface is that of a label");
+                    "its values are 64-bit labels, which have no isosurfaces; extract the surface "
+                    "of a label");
     }
     const NestedGrid& grid = query.grid;
+    require_simplifiable(query.effort, !is_full_resolution(query.stop));
+    const Effort effort = effort_of(features);
+    // Hexahedra are simplified from the surface at full resolution.
     ExtractQuery asked =
-        begun(store, flat ? Product::isolines : Product::surface, query, cells, true);
+        begun(store, flat ? Product::isolines : Product::surface, query, cells,
+              effort == Effort::none ? CellField::needed_by_errors : CellField::not_needed);
     asked.traversal.iso = query.iso;
     asked.traversal.vertices = grid.vertices;
     if (cells == Cells::tetrahedra) {
@@ -282,13 +390,16 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     if (grid.culling) {
         asked.traversal.culling = culling_of(store, *grid.culling);
     }
-    std::visit(DistanceOfStop{store.layout().header(), asked}, query.stop);
-    if (std::holds_alternative<SimplifiedErrorBound>(query.stop)) {
+    std::visit(DistanceOfStop{store.layout().header(), effort, asked}, query.stop);
+    if (std::holds_alternative<ErrorBound>(query.stop) && effort != Effort::none) {
         if (asked.threshold > 0) {
             asked.stages.error = asked.threshold;
+            asked.stages.error_effort = effort;
         }
-        asked.traversal.tolerance = Tolerance(nested_share(grid.vertices) * asked.threshold, {}, {},
-                                              asked.spacing, asked.origin);
+        // Hexahedra are simplified from full resolution.
+        const double share = cells == Cells::hexahedra ? 0 : nested_share(grid.vertices);
+        asked.traversal.tolerance =
+            Tolerance(share * asked.threshold, {}, {}, asked.steps, asked.origin);
     }
     if (query.analysis) {
         asked.analysis_folder =
@@ -300,40 +411,51 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
 }
 
 ExtractQuery extract_query(const VolumeDescription& volume, const SurfaceQuery& query) {
-    require_combination(wishes_of(volume, query), volume.name);
+    const Features features = features_of(volume, query);
+    require_combination(features, volume.name);
+    if (needs_store(volume, query)) {
+        throw Error(ErrorKind::invalid_argument, {volume.name},
+                    "errors, fields, several resolutions and values at the vertices are those of a "
+                    "store; a volume gives the surface at full resolution, or simplified within a "
+                    "distance or to a number of triangles",
+                    {{RemedyKind::make_store}});
+    }
     require_marchable(volume, query.iso);
     require_distance(query.stop);
+    require_simplifiable(query.effort, !is_full_resolution(query.stop));
     ExtractQuery asked;
-    asked.spacing = volume.spacing;
+    asked.steps = header_of(volume).steps();
     asked.origin = volume.origin;
     asked.traversal.iso = query.iso;
-    asked.traversal.cells = Cells::hexahedra;
+    asked.traversal.cells = cells_of(features);
+    asked.traversal.stop =
+        asked.traversal.cells == Cells::hexahedra ? Field::hex_deviation : Field::deviation_bar;
+    asked.traversal.tolerance = Tolerance(0, {}, {}, asked.steps, volume.origin);
     asked.traversal.attributes.normal = query.attributes.normals;
-    for (int axis = 0; axis < 3; ++axis) {
-        asked.traversal.box.hi[static_cast<std::size_t>(axis)] =
-            static_cast<double>(volume.nodes[axis] - 1);
-    }
-    std::visit(DistanceOfStop{header_of(volume), asked}, query.stop);
+    asked.traversal.box = clip_box(header_of(volume), query.box);
+    std::visit(DistanceOfStop{header_of(volume), effort_of(features), asked}, query.stop);
     choose_stages(query.stages, asked);
     choose_apart(header_of(volume), asked);
     return asked;
 }
 
 ExtractQuery extract_query(const StoreReader& store, const LabelQuery& query, bool float64) {
-    const Wishes wishes = wishes_of(store, query);
-    require_combination(wishes, store.path().string());
+    const Features features = features_of(store, query);
+    require_combination(features, store.path().string());
+    require_simplifiable(query.effort, query.stop.has_value());
     const SurfaceStop stop =
         query.stop ? std::visit([](const auto& s) { return SurfaceStop(s); }, *query.stop)
                    : SurfaceStop();
-    const Cells cells = cells_of(wishes);
+    const Cells cells = cells_of(features);
     const bool has_cells = cells == Cells::hexahedra;
-    ExtractQuery asked = begun(store, Product::surface,
-                               has_cells ? stop_of_cells(store, stop, true) : stop_of(store, stop),
-                               cells, query.box);
+    ExtractQuery asked =
+        begun(store, Product::surface,
+              has_cells ? stop_of_cells(store, stop, CellField::not_needed) : stop_of(store, stop),
+              cells, query.box);
     if (!has_cells) {
         asked.traversal.bound = bound_of(store, {});
     }
-    std::visit(DistanceOfStop{store.layout().header(), asked}, stop);
+    std::visit(DistanceOfStop{store.layout().header(), effort_of(features), asked}, stop);
     choose_label(store, query.label, asked);
     choose_stages(query.stages, asked);
     choose_attributes(store, query.attributes, false, float64, asked);
@@ -342,26 +464,29 @@ ExtractQuery extract_query(const StoreReader& store, const LabelQuery& query, bo
 
 ExtractQuery extract_query(const StoreReader& store, const SliceQuery& query, bool float64) {
     require_numbers(store, "a slice");
-    require_combination(wishes_of(store, query), store.path().string());
-    ExtractQuery asked = begun(store, Product::slice, query, query.cells, false);
+    require_volume(store);
+    require_combination(features_of(query), store.path().string());
+    ExtractQuery asked = begun(store, Product::slice, query, query.cells, CellField::needed);
     asked.traversal.plane = lattice_plane(store.layout().header(), query.plane);
     choose_attributes(store, query.attributes, true, float64, asked);
-    // The way in which triangles face: to where the distance from the plane is less.
+    // The orientation of triangles: towards the smaller distance from the plane.
     Double3& facing = asked.traversal.attributes.plane_normal.emplace();
     for (std::size_t axis = 0; axis < 3; ++axis) {
-        facing[axis] = 0 - asked.traversal.plane->normal[axis] / asked.spacing[axis];
+        facing[axis] = 0 - asked.traversal.plane->normal[axis] / asked.steps.along[axis];
     }
+    facing = asked.steps.gradient(facing);
     return finished(store, std::move(asked));
 }
 
 ExtractQuery extract_query(const StoreReader& store, const ContourQuery& query, bool /*float64*/) {
     require_numbers(store, "contour lines");
-    require_combination(wishes_of(store, query), store.path().string());
+    require_volume(store);
     require_contours(query.values);
-    ExtractQuery asked = begun(store, Product::contours, query, Cells::tetrahedra, false);
+    ExtractQuery asked =
+        begun(store, Product::contours, query, Cells::tetrahedra, CellField::needed);
     asked.traversal.plane = lattice_plane(store.layout().header(), query.plane);
     asked.contours = query.values;
-    // Contours are found among the values, whatever the lines' sink holds.
+    // Contours are found among the exact values, independent of the precision of the lines' sink.
     asked.traversal.attributes.value = true;
     asked.traversal.attributes.wide_value = !held_by_float32(store);
     return finished(store, std::move(asked));
@@ -369,13 +494,15 @@ ExtractQuery extract_query(const StoreReader& store, const ContourQuery& query, 
 
 ExtractQuery extract_query(const StoreReader& store, const GraphQuery& query, bool float64) {
     require_numbers(store, "a graph");
-    require_combination(wishes_of(store, query), store.path().string());
+    require_plane(store);
+    require_combination(features_of(query), store.path().string());
     if (!std::isfinite(query.scale)) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("scale {}: must be a finite number", query.scale));
     }
-    ExtractQuery asked = begun(store, Product::graph, query, query.cells, true);
-    asked.spacing[2] = query.scale;
+    ExtractQuery asked =
+        begun(store, Product::graph, query, query.cells, CellField::needed_by_errors);
+    asked.steps.along[2] = query.scale;
     asked.origin[2] = 0;
     asked.graph_scale = query.scale;
     asked.traversal.attributes.graph_scale = query.scale;
@@ -384,3 +511,27 @@ ExtractQuery extract_query(const StoreReader& store, const GraphQuery& query, bo
 }
 
 }  // namespace isonest::detail
+
+namespace isonest {
+
+LabelQuery label_query(const SurfaceQuery& like, const LabelChoice& label) {
+    using detail::Feature;
+    detail::Features features = detail::features_of(like);
+    features.set(static_cast<std::size_t>(Feature::label));
+    detail::require_combination(features, {});
+    LabelQuery query;
+    query.label = label;
+    if (const auto* const distance = std::get_if<DistanceBound>(&like.stop)) {
+        query.stop = *distance;
+    } else if (const auto* const budget = std::get_if<TriangleBudgetByDistance>(&like.stop)) {
+        query.stop = *budget;
+    }
+    query.effort = like.effort;
+    query.box = like.box;
+    query.cells = like.grid.cells;
+    query.attributes = like.attributes;
+    query.stages = like.stages;
+    return query;
+}
+
+}  // namespace isonest

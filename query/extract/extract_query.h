@@ -1,4 +1,4 @@
-// What a query asks of a store, in lattice terms: one form for all products.
+// Queries in lattice terms: one form for all products.
 #pragma once
 
 #include <filesystem>
@@ -9,10 +9,30 @@
 #include <isonest/volume_source.h>
 
 #include "query/apart/keep_apart.h"
+#include "query/simplify/block_grid.h"
+#include "query/simplify/patch.h"
 #include "query/traverse/traversal.h"
+#include "store/base/memory.h"
+#include "store/base/vectors.h"
+#include "store/container/format.h"
 #include "store/container/reader.h"
 
 namespace isonest::detail {
+
+// Converts queries from the world to the axes of a rotated volume.
+
+/// The volume's own axes are rotated about its origin relative to the world's: in these axes the
+/// volume is not rotated, and its mesh is rotated into the world by RotatedSink. A focus that is a
+/// box becomes the smallest axis-aligned box that contains it. Throws Error{unsupported} for what
+/// cannot be rotated: boxes, graphs. `name`: of the store.
+SurfaceQuery in_own_axes(SurfaceQuery query, const StoreHeader& header, const std::string& name);
+LabelQuery in_own_axes(LabelQuery query, const StoreHeader& header, const std::string& name);
+SliceQuery in_own_axes(SliceQuery query, const StoreHeader& header, const std::string& name);
+ContourQuery in_own_axes(ContourQuery query, const StoreHeader& header, const std::string& name);
+GraphQuery in_own_axes(const GraphQuery& query, const StoreHeader& header, const std::string& name);
+
+/// The same for a plane.
+WorldPlane in_own_axes(const WorldPlane& plane, const StoreHeader& header);
 
 /// What is extracted.
 enum class Product : std::uint8_t { surface, isolines, slice, contours, graph };
@@ -20,17 +40,19 @@ enum class Product : std::uint8_t { surface, isolines, slice, contours, graph };
 /// The distance within which a surface is simplified.
 struct DistanceChoice {
     double within = 0;                       ///< world units; 0 = not simplified
-    std::optional<std::uint64_t> triangles;  ///< how many it may have
+    std::optional<std::uint64_t> triangles;  ///< maximum number of triangles, if limited
     Effort effort = Effort::best;
+    bool is_any = false;  ///< it exceeds the distance of any two points of the volume
 };
 
-/// What is done to the whole mesh, beside closing it (traversal.box.close).
+/// Processing of the whole mesh, in addition to closing it (traversal.box.close).
 struct StageChoice {
     std::optional<ComponentChoice> components;
     std::optional<DistanceChoice> distance;
-    std::optional<double> error;  ///< within which it is simplified, in units of the data; > 0
+    std::optional<double> error;  ///< the error for the simplification, in units of the data; > 0
+    Effort error_effort = Effort::best;  ///< effort for the error
 
-    /// Whether there is anything to do beside mending.
+    /// Whether there is work in addition to mending.
     [[nodiscard]] bool any() const { return components || simplifies() || error; }
     /// Whether it is simplified within a distance.
     [[nodiscard]] bool simplifies() const { return distance && distance->within > 0; }
@@ -39,32 +61,32 @@ struct StageChoice {
 struct ExtractQuery {
     Product product = Product::surface;
     TraversalQuery traversal;
-    double threshold = 0;  ///< of the stop field, in its own units
-    /// Of a surface: the distance at which elements of the nested grid stop, world units; > 0.
+    double threshold = 0;  ///< for the stop field, in its own units
+    /// For a surface: the distance at which elements of the nested grid stop, world units; > 0.
     std::optional<double> nested_distance;
-    /// In place of the store's values those of a LabelView.
+    /// Use the values of a LabelView instead of the store's.
     std::optional<LabelChoice> label;
-    /// The traversal's box before it was narrowed to where the label is, if it was.
+    /// The traversal's box before it was restricted to the extent of the label, if it was.
     std::optional<ClipBox> asked_box;
     std::vector<double> contours;  ///< values of contour lines
-    double graph_scale = 1;        ///< of a graph
-    /// Of the mesh: world coordinates are origin + spacing * position.
-    Double3 spacing{1, 1, 1};
+    double graph_scale = 1;        ///< for a graph
+    /// For the mesh, in own axes: world coordinates are origin + steps.vector(position).
+    LatticeSteps steps = {};
     Double3 origin{};
-    double coordinate_rounding = 0;       ///< as in the report
-    std::optional<Turn> turn;             ///< of a volume that is not along the world's axes
-    double least_apart = kLeastApart;     ///< least step by which vertices are kept apart
-    bool moves_apart = true;              ///< else they stay together
-    const StoreReader* values = nullptr;  ///< where vertex values are from, if not the store
+    double coordinate_rounding = 0;    ///< as in the report
+    std::optional<Rotation> rotation;  ///< for a volume that is not aligned with the world's axes
+    double min_apart = kMinApart;      ///< smallest step for separating vertices
+    bool moves_apart = true;           ///< whether vertices at the same place are separated
+    const StoreReader* values = nullptr;  ///< source of vertex values, if not the store
     StageChoice stages;
-    /// The folder of a kept analysis, if there is to be one.
+    /// The folder of a kept analysis, if requested.
     std::optional<std::filesystem::path> analysis_folder;
 
-    /// Corners of an element.
+    /// Number of corners of an element.
     [[nodiscard]] int corners() const {
         return product == Product::isolines || product == Product::contours ? 2 : 3;
     }
-    /// Whether no two vertices may lie in one place.
+    /// Whether no two vertices may be at the same place.
     [[nodiscard]] bool keeps_apart() const {
         return product == Product::surface || product == Product::slice;
     }
@@ -76,19 +98,41 @@ struct ExtractQuery {
     }
 };
 
-/// In world units; voxels are the least distances between neighbouring nodes.
+/// The position of a mesh, and its accuracy.
+struct MeshPlace {
+    WorldLattice lattice;
+    ClipBox box;          ///< to which the surface is clipped
+    double rounding = 0;  ///< of coordinates, as in the report
+
+    /// The smallest distance between neighbouring nodes, world units.
+    [[nodiscard]] double voxel() const { return lattice.steps.shortest(); }
+    /// Maximum error of a vertex position, world units.
+    [[nodiscard]] double max_moved() const;
+    /// The faces of a box between nodes (or of the box to which the surface is clipped) in the same
+    /// form as vertices: world coordinates, float32.
+    [[nodiscard]] PatchBox faces_of(const ClipBox& of) const;
+    [[nodiscard]] PatchBox faces() const { return faces_of(box); }
+};
+
+/// For an extraction from a volume of so many nodes.
+MeshPlace mesh_place(const ExtractQuery& query, const Int3& nodes);
+
+/// All memory that a call may use, for a store or volume of this name.
+MemoryShare memory_of(const ExtractOptions& options, const std::string& name);
+
+/// In world units; voxels are the smallest distances between neighbouring nodes.
 double world_distance(const StoreHeader& header, const DistanceBound& asked);
 
-/// What is left of a distance, world units, where float32 moves vertices by up to `moved`. `name`:
-/// of the store. Throws Error{limit} if that is nothing.
+/// The rest of a distance, world units, if float32 moves vertices by up to `moved`. `name`: of the
+/// store. Throws Error{limit} if nothing is left.
 double distance_left(const std::string& name, double distance, double moved);
 
-/// Refuses what makes no sense for this store. `float64`: whether the mesh holds it. Throws
+/// Rejects queries that are invalid for this store. `float64`: whether the mesh supports it. Throws
 /// Error{invalid_argument, not_found, limit} as extract() does. REQUIRES: the stop of a surface is
-/// no ErrorBudget.
+/// not a TriangleBudgetByError.
 ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, bool float64);
 ExtractQuery extract_query(const StoreReader& store, const LabelQuery& query, bool float64);
-/// Of a volume without a store, in its own axes. Throws Error{unsupported} too.
+/// For a volume without a store, in its own axes. Also throws Error{unsupported}.
 ExtractQuery extract_query(const VolumeDescription& volume, const SurfaceQuery& query);
 ExtractQuery extract_query(const StoreReader& store, const SliceQuery& query, bool float64);
 ExtractQuery extract_query(const StoreReader& store, const ContourQuery& query, bool float64);

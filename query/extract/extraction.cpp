@@ -1,25 +1,311 @@
 #include "query/extract/extraction.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <iterator>
 #include <utility>
+#include <vector>
+
+#include <isonest/error.h>
 
 #include "query/apart/complete_normals.h"
-#include "query/apart/parts_apart.h"
-#include "query/extract/stages/apart_stage.h"
+#include "query/apart/keep_apart.h"
+#include "query/distance/traverse_within_distance.h"
+#include "query/extract/combinations.h"
 #include "query/extract/stages/contour_lines.h"
-#include "query/extract/stages/distance_limits.h"
-#include "query/mesh/emit_mesh.h"
+#include "query/extract/stages/pipeline.h"
+#include "query/mesh/weld.h"
+#include "query/ranks/cube_shares.h"
 #include "query/ranks/mesh_on_ranks.h"
+#include "query/traverse/planar.h"
+#include "query/values/label_view.h"
 #include "store/base/workers.h"
 
 namespace isonest::detail {
 
-Extraction::Extraction(StagedVolume volume, ExtractQuery asked, MeshSink& sink,
+// The error indicators are saturated, so a smaller error gives at least as many triangles, with few
+// exceptions. The search starts with large errors, whose meshes are cheap to make: all tries
+// together cost a few times as much as the result, independent of the volume's size.
+
+namespace {
+
+/// A mesh with at least this fraction of the requested triangles is good enough.
+constexpr double kNearBudget = 0.9;
+constexpr int kMaxErrorTries = 7;  ///< between an error that is too small and one that is not
+constexpr double kStep = 4;        ///< from one error to the next
+/// Relative to the data's range: the next smaller error is 0.
+constexpr double kMin = 1e-7;
+
+/// Counts a mesh's elements without storing it.
+class CountingSink : public MeshSink {
+  public:
+    explicit CountingSink(const MeshSink& like) : like_(like) {}
+    void begin(const MeshLayout& layout) override { elements_ = layout.elements; }
+    void add_vertices(const VertexBatch& /*batch*/) override {}
+    void add_elements(const ElementBatch& /*batch*/) override {}
+    [[nodiscard]] bool concurrent() const override { return true; }
+    [[nodiscard]] bool holds_float64() const override { return like_.holds_float64(); }
+    [[nodiscard]] std::uint64_t elements() const { return elements_; }
+
+  private:
+    const MeshSink& like_;
+    std::uint64_t elements_ = 0;
+};
+
+}  // namespace
+
+ExtractReport extract_within_triangle_budget(const Store& store, const SurfaceQuery& query,
+                                             MeshSink& sink, const ExtractOptions& options,
+                                             Progress& progress) {
+    const TriangleBudgetByError budget = std::get<TriangleBudgetByError>(query.stop);
+    if (budget.most == 0) {
+        throw Error(ErrorKind::invalid_argument, "the number of triangles must be positive");
+    }
+    const double range = std::max(store.max_value() - store.min_value(), 0.0);
+    SurfaceQuery tried = query;
+    ExtractReport report;
+    const Effort effort = effort_of(features_of(store.reader(), query));
+    if (effort == Effort::none && !query.grid.cells) {
+        tried.grid.cells = Cells::tetrahedra;  // also with an error of 0
+    }
+    const auto stop_within = [&](double error) {
+        tried.stop = ErrorBound{error, false, budget.indicator};
+        tried.effort = error > 0 ? effort : Effort::none;
+    };
+    const auto triangles = [&](double error) {
+        stop_within(error);
+        CountingSink counter(sink);
+        report = extract(store, tried, counter, options, progress);
+        return counter.elements();
+    };
+    double enough = 2 * range;
+    if (const std::uint64_t least = triangles(enough); least > budget.most) {
+        throw Error(ErrorKind::limit, {store.path().string()},
+                    fmt::format("the coarsest mesh of this surface has {} triangles, within {:.4g} "
+                                "of the values; more than {}",
+                                least, report.error_bound, budget.most));
+    }
+    double too_small = -1;  // none so far
+    std::uint64_t count = 0;
+    while (too_small < 0 && enough > 0) {
+        const double step = enough / kStep;
+        const double next = step > kMin * range ? step : 0;
+        const std::uint64_t n = triangles(next);
+        if (n > budget.most) {
+            too_small = next;
+        } else {
+            enough = next;
+            count = n;
+        }
+    }
+    for (int i = 0; i < kMaxErrorTries && too_small >= 0 &&
+                    static_cast<double>(count) < kNearBudget * static_cast<double>(budget.most);
+         ++i) {
+        const double middle = too_small > 0 ? std::sqrt(too_small * enough) : enough / kStep;
+        const std::uint64_t n = triangles(middle);
+        if (n > budget.most) {
+            too_small = middle;
+        } else {
+            enough = middle;
+            count = n;
+        }
+    }
+    stop_within(enough);
+    report = extract(store, tried, sink, options, progress);
+    report.within_budget = true;
+    return report;
+}
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+/// The arguments of a traversal.
+struct TraversalSetting {
+    const StoreReader& store;
+    const ExtractQuery& asked;
+    const TraversalQuery& query;  ///< of `asked`, with the cache of the vertex values
+    ChunkCache& cache;
+    std::size_t part_vertices;
+    const ScratchFolder& scratch;
+    Progress& progress;
+};
+
+/// Maximum distance of the leaves' triangles from the surface at full resolution, which may be
+/// mended after they are measured. Throws Error{limit} if nothing is left of the requested
+/// distance.
+double nested_limit(const StoreReader& store, const ExtractQuery& asked) {
+    // Rounding moves by half a unit in the last place, mending by up to four; in addition, sheets
+    // are separated.
+    MeshPlace place = mesh_place(asked, store.layout().header().nodes);
+    place.rounding =
+        9 * asked.coordinate_rounding +
+        (asked.moves_apart ? kMaxApart * step_apart(asked.coordinate_rounding, asked.min_apart)
+                           : 0);
+    return distance_left(store.path().string(), *asked.nested_distance, place.max_moved());
+}
+
+/// Selects the traversal by product and cells.
+TraversalCounts counts_of(const TraversalSetting& s, const PartSink& sink) {
+    if (s.asked.nested_distance) {
+        return traverse_within_distance(s.cache, s.query, nested_limit(s.store, s.asked), s.scratch,
+                                        s.part_vertices, sink, s.progress);
+    }
+    switch (s.asked.product) {
+        case Product::graph:
+            return traverse_planar(s.cache, s.query, PlanarKind::graph, s.part_vertices, sink,
+                                   s.progress);
+        case Product::isolines:
+            return traverse_planar(s.cache, s.query, PlanarKind::isolines, s.part_vertices, sink,
+                                   s.progress);
+        case Product::surface:
+        case Product::slice:
+        case Product::contours:
+            break;
+    }
+    return traverse(s.cache, s.query, s.part_vertices, sink, s.progress);
+}
+
+std::vector<double> isovalues_of(std::span<const PartsPlace> places) {
+    std::vector<double> isovalues;
+    std::transform(places.begin(), places.end(), std::back_inserter(isovalues),
+                   [](const PartsPlace& p) { return p.iso; });
+    return isovalues;
+}
+
+/// For each isovalue. Surfaces are found in one traversal; others are traversed one after another,
+/// with a common cache.
+std::vector<TraversalCounts> all_counts(const TraversalSetting& s,
+                                        std::span<const PartsPlace> places,
+                                        std::span<const PartSink> sinks) {
+    std::vector<TraversalCounts> counts;
+    if (s.asked.product == Product::surface && !s.asked.nested_distance && places.size() > 1) {
+        return traverse_isovalues(s.cache, s.query, isovalues_of(places), s.part_vertices, sinks,
+                                  s.progress);
+    }
+    for (std::size_t i = 0; i < places.size(); ++i) {
+        TraversalQuery query = s.query;
+        query.iso = places[i].iso;
+        counts.push_back(counts_of(
+            {s.store, s.asked, query, s.cache, s.part_vertices, s.scratch, s.progress}, sinks[i]));
+    }
+    return counts;
+}
+
+double elapsed_since(Clock::time_point start) {
+    return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+/// The sum over all ranks.
+TraversalResult of_all(Communicator& ranks, const TraversalResult& own) {
+    std::array sums{own.counts.visited, own.counts.leaves, own.counts.bricks, own.chunks_read,
+                    own.bytes_read};
+    std::array largest{own.counts.stopped_at, own.counts.value_rounding.at_edges,
+                       own.counts.value_rounding.at_cuts, own.counts.height_rounding,
+                       static_cast<double>(own.peak_cache_bytes)};
+    ranks.sum(sums);
+    ranks.largest(largest);
+    return {{sums[0], sums[1], sums[2], largest[0], {largest[1], largest[2]}, largest[3]},
+            sums[3],
+            sums[4],
+            static_cast<std::uint64_t>(largest[4]),
+            own.has_missing};
+}
+
+}  // namespace
+
+void watch_vertices(const ExtractQuery& asked, PartStore& parts) {
+    if (asked.keeps_apart()) {
+        parts.watch({sight_apart(asked.coordinate_rounding, asked.min_apart), asked.traversal.box});
+    }
+    if (asked.traversal.attributes.normal) {
+        parts.count_normals();
+    }
+}
+
+TraversalBudget parts_budget(const StoreReader& store, const ExtractQuery& query,
+                             const MemoryShare& memory, std::uint64_t isovalues) {
+    if (!query.nested_distance) {
+        return share_memory(store, query.traversal, query.values, memory, true, isovalues);
+    }
+    // Threads of a traversal within a distance need additional heap.
+    const std::uint64_t each = distance_traversal_heap(store.layout(), query.traversal);
+    const std::uint64_t count = std::clamp<std::uint64_t>(
+        memory.bytes() / 2 / each, 1, static_cast<std::uint64_t>(memory.threads()));
+    return share_memory(store, query.traversal, query.values,
+                        memory.with_threads(static_cast<int>(count)).without(each * count), true,
+                        isovalues);
+}
+
+std::vector<FoundParts> find_parts(const StoreReader& store, const ExtractQuery& asked,
+                                   const TraversalBudget& budget,
+                                   std::span<const PartsPlace> places, const ScratchFolder& scratch,
+                                   Progress& progress, RankTeam* team) {
+    TraversalQuery query = asked.traversal;
+    query.waiting_lists = budget.waiting;
+    std::optional<ChunkCache> others;
+    if (asked.values != nullptr) {
+        others.emplace(*asked.values, budget.values_cache);
+        query.attribute_values = &*others;
+    }
+    std::optional<LabelView> label;
+    if (asked.label) {
+        label.emplace(store, asked.label->id, asked.label->within->first,
+                      asked.label->within->second);
+    }
+    const ChunkSource& source = label ? static_cast<const ChunkSource&>(*label) : store;
+    ChunkCache cache(source, budget.cache,
+                     query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
+    if (team != nullptr) {
+        query.share = share_of(team->ranks, source, query, isovalues_of(places));
+    }
+    const auto start = Clock::now();
+    std::vector<PartSink> sinks;
+    for (const PartsPlace& place : places) {
+        sinks.emplace_back([parts = place.parts](std::uint64_t order, const MeshPart& part) {
+            parts->append(order, part);
+        });
+    }
+    const std::vector<TraversalCounts> counts = all_counts(
+        {store, asked, query, cache, budget.part_vertices, scratch, progress}, places, sinks);
+    if (team != nullptr) {
+        ++team->work.traversals;
+        team->work.traversal_seconds += elapsed_since(start);
+        team->work.chunks_read += cache.chunks_read();
+        team->work.bytes_read += cache.bytes_read();
+    }
+    std::vector<FoundParts> found;
+    for (std::size_t i = 0; i < places.size(); ++i) {
+        FoundParts& one = found.emplace_back();
+        one.traversal = {counts[i], cache.chunks_read(), cache.bytes_read(), cache.peak_bytes(),
+                         store.has_missing()};
+        if (team == nullptr) {
+            places[i].parts->seal();
+            continue;
+        }
+        team->work.leaves += counts[i].leaves;
+        one.traversal = of_all(team->ranks, one.traversal);
+        const auto before = Clock::now();
+        const SettledParts settled =
+            settle_parts(team->ranks, *places[i].parts, places[i].may_stay);
+        one.stay = settled.stay;
+        team->work.parts_bytes += settled.bytes;
+        team->work.gathering_seconds += elapsed_since(before);
+    }
+    return found;
+}
+
+Extraction::Extraction(ExtractedVolume volume, ExtractQuery asked, MeshSink& sink,
                        const ExtractOptions& options, Progress& progress)
     : volume_(std::move(volume)),
       asked_(std::move(asked)),
       sink_(sink),
-      options_(options),
+      memory_(memory_of(options, volume_.name)),
+      team_(options.team),
       progress_(progress),
       scratch_(ScratchFolder::metered(options.scratch)),
       layout_(layout_of(asked_.traversal.attributes, asked_.corners(), volume_.header.unit,
@@ -30,134 +316,105 @@ void Extraction::prepare(std::vector<std::filesystem::path> inputs) {
         inputs.push_back(asked_.values->path());
     }
     sink_.prepare(layout_, inputs);
-    row_ = std::make_unique<StageRow>(StageSetting{volume_, asked_, options_, scratch_, progress_});
-    begin_report();
+    pipeline_ = std::make_unique<Pipeline>(asked_, volume_.store, memory_, team_);
 }
 
-FoundParts Extraction::begin_parts(std::uint64_t memory) {
-    parts_.emplace(scratch_, asked_.spacing, asked_.origin, memory,
+PartsPlace Extraction::begin_parts(std::uint64_t memory) {
+    parts_.emplace(scratch_, asked_.steps, asked_.origin, memory,
                    asked_.traversal.attributes.width());
     watch_vertices(asked_, *parts_);
-    FoundParts found{asked_.traversal.iso, &*parts_, &report_};
-    if (options_.team != nullptr && options_.team->ranks.size() > 1) {
-        found.may_stay = [this] { return goes_straight(); };
+    PartsPlace place{asked_.traversal.iso, &*parts_};
+    if (team_ != nullptr && team_->ranks.size() > 1) {
+        place.may_stay = [this] { return goes_straight(); };
     }
-    return found;
+    return place;
 }
 
-/// Whether nothing happens to the mesh as a whole, and all ranks can write it.
+/// Whether the mesh as a whole is not changed, and can be written by all ranks.
 bool Extraction::goes_straight() const {
-    return asked_.product != Product::contours && !asked_.turn && is_written_by_all(sink_) &&
-           parts_->without_normal() == 0 && row_->with_work(*parts_).empty();
+    const bool has_missing = volume_.store != nullptr && volume_.store->has_missing();
+    return asked_.product != Product::contours && !asked_.rotation && is_written_by_all(sink_) &&
+           parts_->without_normal() == 0 && pipeline_->with_work(*parts_, has_missing).empty();
 }
 
-ExtractReport Extraction::finish_on_ranks(const TraversalBudget& budget) {
-    Workers(budget.threads).execute([&] {
-        const MeshOnRanks mesh =
-            mesh_on_ranks(*options_.team, *parts_,
-                          asked_.keeps_apart() ? std::optional(apart_range(asked_)) : std::nullopt,
-                          layout_, sink_, scratch_, progress_);
-        if (asked_.keeps_apart()) {
-            count_apart(mesh.apart, asked_, report_);
-        }
-        report_.vertices = mesh.vertices;
-        report_.triangles = mesh.triangles;
-    });
-    parts_.reset();
-    end_report();
-    return report_;
-}
-
-ExtractReport Extraction::finish(const TraversalBudget& budget) {
+ExtractReport Extraction::finish(const FoundParts& found, const TraversalBudget& budget) {
+    ReportSum report(asked_, volume_.store, volume_.header.nodes, found.traversal);
     std::vector<Stage*> stages;
     std::shared_ptr<ScratchMesh> whole;
     Workers(budget.threads).execute([&] {
+        if (found.stay) {
+            make_on_ranks(report);
+            return;
+        }
         progress_.check();
         const Weld weld(*parts_, scratch_);
-        if (asked_.keeps_apart() && !parts_->is_to_be_mended()) {
-            count_apart(keep_parts_apart(*parts_, weld, apart_range(asked_), scratch_, progress_),
-                        asked_, report_);
-        }
-        stages = row_->with_work(*parts_);
+        keep_apart(weld, report);
+        stages = pipeline_->with_work(*parts_, found.traversal.has_missing);
         if (!stages.empty()) {
             whole = std::make_shared<ScratchMesh>(scratch_);
             move_mesh(*parts_, weld, layout_, *whole, progress_);
         } else if (asked_.product == Product::contours) {
-            emit_contours(weld, budget);
+            emit_contours(weld, budget, report);
         } else {
             complete_normals(*parts_, weld, layout_, scratch_, progress_);
-            emit(*parts_, weld);
+            emit(*parts_, weld, report);
         }
     });
     parts_.reset();
     if (whole) {
-        Workers(row_->threads()).execute([&] { run_stages(stages, std::move(whole)); });
+        Workers(pipeline_->threads()).execute([&] {
+            run_stages(stages, std::move(whole), report);
+        });
     }
-    end_report();
-    return report_;
+    return timed(report.sum(scratch_.meter()->peak()), start_);
 }
 
-void Extraction::begin_report() {
-    report_.tolerance = asked_.threshold;
-    report_.coordinate_rounding = asked_.coordinate_rounding;
-    if (const StoreReader* const store = volume_.store; store != nullptr) {
-        report_.dimension = store->layout().lattice().dimension();
-        const StoreReader& values = asked_.values != nullptr ? *asked_.values : *store;
-        report_.value_range = std::max(values.max_value() - values.min_value(), 0.0);
-        report_.traversal.chunks_total = store->layout().rows();
+void Extraction::make_on_ranks(ReportSum& report) {
+    std::optional<ApartRange> apart;
+    if (asked_.keeps_apart()) {
+        apart = within_faces(apart_range(asked_), report.place());
     }
-    report_.traversal.cells = asked_.traversal.cells;
-    report_.traversal.stop = asked_.traversal.stop;
-    report_.traversal.bound = asked_.traversal.bound;
-    if (asked_.traversal.culling) {
-        report_.traversal.culled_by = asked_.traversal.culling->field();
+    const MeshOnRanks mesh =
+        mesh_on_ranks(*team_, *parts_, apart, layout_, sink_, scratch_, progress_);
+    if (apart) {
+        report.add(apart_result(mesh.apart, asked_.steps));
     }
-    if (const auto distance = asked_.asked_distance()) {
-        report_.distance = DistanceReport{*distance};
-    }
-    if (asked_.traversal.box.close) {
-        report_.closing = ClosingReport{*asked_.traversal.box.close};
+    report.add(EmittedMesh{mesh.vertices, mesh.triangles});
+}
+
+void Extraction::keep_apart(const Weld& weld, ReportSum& report) {
+    if (asked_.keeps_apart() && !parts_->is_to_be_mended()) {
+        const ApartRange range = within_faces(apart_range(asked_), report.place());
+        report.add(apart_result(keep_parts_apart(*parts_, weld, range, scratch_, progress_),
+                                asked_.steps));
     }
 }
 
-void Extraction::emit(const PartStore& parts, const VertexNumbers& weld) {
+void Extraction::emit(const PartStore& parts, const VertexNumbers& weld, ReportSum& report) {
     emit_mesh(parts, weld, layout_, sink_, progress_);
-    report_.vertices = weld.vertices();
-    report_.triangles = weld.triangles();
+    report.add(EmittedMesh{weld.vertices(), weld.triangles()});
 }
 
-void Extraction::emit_contours(const VertexNumbers& weld, const TraversalBudget& budget) {
+void Extraction::emit_contours(const VertexNumbers& weld, const TraversalBudget& budget,
+                               ReportSum& report) {
     const AttributeChoice& attributes = asked_.traversal.attributes;
-    PartStore lines(scratch_, {1, 1, 1}, {0, 0, 0}, budget.cache / 2, attributes.width());
+    PartStore lines(scratch_, LatticeSteps(), {0, 0, 0}, budget.cache / 2, attributes.width());
     contour_lines(
         *parts_, weld, asked_.contours, attributes, budget.part_vertices,
         [&](std::uint64_t order, const MeshPart& part) { lines.append(order, part); }, progress_);
     lines.seal();
-    emit(lines, Weld(lines, scratch_));
-    report_.value_rounding += contour_rounding(asked_.contours, attributes);
+    emit(lines, Weld(lines, scratch_), report);
+    report.add(StageResult{.value_moved = contour_rounding(asked_.contours, attributes)});
 }
 
-void Extraction::run_stages(const std::vector<Stage*>& stages, std::shared_ptr<ScratchMesh> whole) {
+void Extraction::run_stages(const std::vector<Stage*>& stages, std::shared_ptr<ScratchMesh> whole,
+                            ReportSum& report) {
     StageMesh mesh(std::move(whole));
     for (Stage* const stage : stages) {
-        stage->run(mesh, report_);
+        report.add(stage->run(mesh, {volume_.name, report.place(), scratch_, progress_}));
     }
     complete_normals(mesh.growing(), mesh.elements(), scratch_, progress_);
-    const EmittedMesh emitted =
-        emit_elements(mesh.vertices(), mesh.elements(), scratch_, sink_, progress_);
-    report_.vertices = emitted.vertices;
-    report_.triangles = emitted.elements;
-    report_.mending.zero_area = emitted.zero_area_triangles;
-}
-
-void Extraction::end_report() {
-    report_.scratch_bytes = scratch_.meter()->peak();
-    if (asked_.nested_distance) {
-        report_.distance->bound += most_moved(asked_);
-    }
-    if (asked_.product != Product::surface && asked_.product != Product::isolines) {
-        report_.error_bound += report_.value_rounding;
-    }
+    report.add(emit_elements(mesh.vertices(), mesh.elements(), scratch_, sink_, progress_));
 }
 
 }  // namespace isonest::detail

@@ -12,9 +12,86 @@
 #include <isonest/value_type.h>
 
 #include "query/extract/stages/contour_lines.h"
-#include "query/view/label_view.h"
+#include "query/mesh/vertex_stars.h"
+#include "query/values/label_view.h"
+#include "store/base/vectors.h"
+#include "store/container/format.h"
+#include "store/container/reader.h"
 
 namespace isonest::detail {
+
+// Section 3 of the paper: |U - U^l| <= E everywhere, for the finest function U and that of the
+// nested grid for the error E. So the solid {U^l >= c + E} is contained in {U >= c}, and that in
+// {U^l >= c - E}. The nested grid is the same for all isovalues: both outer solids are what the
+// same query extracts at c + E and c - E, and their volumes bound the one between them.
+//
+// Coordinates of a mesh are rounded; each vertex is off by at most d. While the vertices move
+// straight from their exact positions to the rounded ones, the area is at most the final area A
+// plus, for each of the n triangles, whose edges have a length of at most L + 2 d, 2 d (L + 3 d);
+// and the volume changes by at most d times the area. The sum of volumes
+// (query/mesh/measuring_sink.cpp) adds L A 2^-49 for the rounding of its terms in float64, and n
+// L^3 2^-58 for that to integers.
+
+namespace {
+
+/// Discards a mesh.
+class NoMesh : public MeshSink {
+  public:
+    void begin(const MeshLayout& /*layout*/) override {}
+    void add_vertices(const VertexBatch& /*batch*/) override {}
+    void add_elements(const ElementBatch& /*batch*/) override {}
+    [[nodiscard]] bool concurrent() const override { return true; }
+};
+
+/// The error's indicator.
+ErrorIndicator error_indicator(const SurfaceStop& stop) {
+    if (const auto* const bound = std::get_if<ErrorBound>(&stop)) {
+        return bound->indicator;
+    }
+    return std::get<TriangleBudgetByError>(stop).indicator;
+}
+
+/// Maximum error of the volume of a mesh.
+double rounding_of(const ExtractReport& r, const StoreHeader& header) {
+    const double longest = diagonal_of(header);
+    const double moved = r.coordinate_rounding *
+                         (header.is_sheared() ? header.steps().diagonal() : length(header.spacing));
+    const double area = r.measures->area;
+    const auto triangles = static_cast<double>(r.triangles);
+    return moved * (area + triangles * 2 * moved * (longest + 3 * moved)) +
+           longest *
+               (area * std::ldexp(1.0, -49) + triangles * longest * longest * std::ldexp(1.0, -58));
+}
+
+}  // namespace
+
+std::optional<VolumeInterval> volume_interval(const Store& store, const SurfaceQuery& query,
+                                              double tolerance, const ExtractOptions& options,
+                                              Progress& progress) {
+    SurfaceQuery outer = query;
+    outer.attributes = {};
+    outer.stop = ErrorBound{tolerance, false, error_indicator(query.stop)};
+    outer.effort = Effort::none;
+    outer.grid.cells = Cells::tetrahedra;
+    const auto extracted = [&](double iso) {
+        outer.iso = iso;
+        NoMesh nowhere;
+        return extract(store, outer, nowhere, options, progress);
+    };
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    const ExtractReport above = extracted(std::nextafter(query.iso + tolerance, kInfinity));
+    const ExtractReport below = extracted(std::nextafter(query.iso - tolerance, -kInfinity));
+    const bool is_above = *query.stages.close == Outside::below;
+    const ExtractReport& least = is_above ? above : below;
+    const ExtractReport& most = is_above ? below : above;
+    if (!least.measures->volume || !most.measures->volume) {
+        return std::nullopt;
+    }
+    const StoreHeader& header = store.reader().layout().header();
+    return VolumeInterval{std::max(*least.measures->volume - rounding_of(least, header), 0.0),
+                          *most.measures->volume + rounding_of(most, header)};
+}
+
 namespace {
 
 /// Throws Error{invalid_argument}.
@@ -28,9 +105,9 @@ void require_not_negative(double number, const char* what) {
 void require_sense(const DistanceBound& asked) {
     require_not_negative(asked.value, "distance");
 }
-void require_sense(const TriangleBudget& asked) {
+void require_sense(const TriangleBudgetByDistance& asked) {
     if (asked.most == 0) {
-        throw Error(ErrorKind::invalid_argument, "a mesh of no triangles is no surface");
+        throw Error(ErrorKind::invalid_argument, "the number of triangles must be positive");
     }
     require_sense(asked.within.value_or(DistanceBound{}));
 }
@@ -53,38 +130,19 @@ double largest_of(const StoreReader& store, Field field) {
     return largest;
 }
 
-/// In the data's units.
-double error_of(const StoreReader& store, const ErrorBound& asked) {
-    double error = asked.value;
-    if (asked.relative && error > 1) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("relative error {}: it is a part of the data's range, from 0 to 1; "
-                                "0.01 is a hundredth of it",
-                                error));
-    }
-    if (asked.relative) {
-        // Each part by itself: the range of doubles may be beyond them.
-        error = store.max_value() > store.min_value()
-                    ? error * store.max_value() - error * store.min_value()
-                    : error * 0;
-    }
-    require_not_negative(error, "error");
-    return error;
-}
-
 Stop stop_of(const StoreReader& store, const ErrorBound& asked) {
     Field field = Field::deviation_bar;
-    switch (asked.guarantee) {
-        case Guarantee::deviation:
+    switch (asked.indicator) {
+        case ErrorIndicator::deviation:
             break;
-        case Guarantee::plus:
+        case ErrorIndicator::plus:
             field = Field::linf_plus;
             break;
-        case Guarantee::estimate:
+        case ErrorIndicator::estimate:
             field = Field::linf_bar;
             break;
     }
-    require_field(store, field, "this guarantee");
+    require_field(store, field, "this indicator");
     return {field, error_of(store, asked)};
 }
 
@@ -94,24 +152,20 @@ Stop stop_of(const StoreReader& store, const FieldThreshold& asked) {
     return {asked.field, asked.value * (asked.relative ? largest_of(store, asked.field) : 1.0)};
 }
 
-/// The surface at full resolution is what a distance is measured from.
+/// A distance is measured from the surface at full resolution.
 Stop stop_of(const StoreReader& store, const DistanceBound& asked) {
     require_sense(asked);
     return stop_of(store, ErrorBound{});
 }
 
-Stop stop_of(const StoreReader& store, const NestedDistanceBound& asked) {
-    return stop_of(store, asked.bound);
-}
-
-Stop stop_of(const StoreReader& store, const TriangleBudget& asked) {
+Stop stop_of(const StoreReader& store, const TriangleBudgetByDistance& asked) {
     require_sense(asked);
     return stop_of(store, ErrorBound{});
 }
 
-/// Errors are tried before (query/extract/error_budget.h).
-Stop stop_of(const StoreReader& store, const ErrorBudget& asked) {
-    return stop_of(store, ErrorBound{0, false, asked.guarantee});
+/// Errors are tried before this is used (query/extract/extraction.h).
+Stop stop_of(const StoreReader& store, const TriangleBudgetByError& asked) {
+    return stop_of(store, ErrorBound{0, false, asked.indicator});
 }
 
 void require_float32(const StoreReader& store, double number, const std::string& what,
@@ -119,13 +173,13 @@ void require_float32(const StoreReader& store, double number, const std::string&
     constexpr float kLargest = std::numeric_limits<float>::max();
     if (!(std::fabs(number) <= kLargest)) {
         throw Error(ErrorKind::limit, {store.path().string()},
-                    fmt::format("{} {:.6g}, and a mesh's 32-bit floats end at {:.6g}", what, number,
-                                kLargest),
+                    fmt::format("{} {:.6g} is beyond the range of a mesh's 32-bit floats, {:.6g}",
+                                what, number, kLargest),
                     {std::move(remedy)});
     }
 }
 
-/// Both ends of what the values reach; 0 where all are missing.
+/// The smallest and the largest value; 0 if all are missing.
 std::array<double, 2> value_range(const StoreReader& store) {
     if (!(store.min_value() <= store.max_value())) {
         return {0, 0};
@@ -133,11 +187,26 @@ std::array<double, 2> value_range(const StoreReader& store) {
     return {store.min_value(), store.max_value()};
 }
 
-Stop stop_of(const StoreReader& store, const SimplifiedErrorBound& asked) {
-    return stop_of(store, asked.bound);
-}
-
 }  // namespace
+
+double error_of(const StoreReader& store, const ErrorBound& asked) {
+    double error = asked.value;
+    if (asked.relative && error > 1) {
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format(
+                "relative error {}: give a fraction of the data's range, from 0 to 1; 0.01 is 1 %",
+                error));
+    }
+    if (asked.relative) {
+        // Separately for each term: the range may exceed double.
+        error = store.max_value() > store.min_value()
+                    ? error * store.max_value() - error * store.min_value()
+                    : error * 0;
+    }
+    require_not_negative(error, "error");
+    return error;
+}
 
 void require_label(const StoreReader& store, std::int64_t label) {
     const StoreHeader& header = store.layout().header();
@@ -152,7 +221,7 @@ void require_label(const StoreReader& store, std::int64_t label) {
 void require_distance(const SurfaceStop& stop) {
     if (const auto* const distance = std::get_if<DistanceBound>(&stop)) {
         require_sense(*distance);
-    } else if (const auto* const budget = std::get_if<TriangleBudget>(&stop)) {
+    } else if (const auto* const budget = std::get_if<TriangleBudgetByDistance>(&stop)) {
         require_sense(*budget);
     }
 }
@@ -175,19 +244,34 @@ void require_stored(const StoreReader& store, Field field, const std::string& wh
 void require_field(const StoreReader& store, Field field, const std::string& what) {
     if (is_of_cells(field)) {
         throw Error(ErrorKind::invalid_argument, {store.path().string()},
-                    fmt::format("{} needs a field of nodes; {} is one of hexahedral cells", what,
-                                name_of(field)));
+                    fmt::format("{} needs a field of nodes; {} is a field of hexahedral cells",
+                                what, name_of(field)));
     }
     require_stored(store, field, what);
+}
+
+void require_volume(const StoreReader& store) {
+    if (store.layout().lattice().dimension() == 2) {
+        throw Error(ErrorKind::invalid_argument, {store.path().string()}, "a slice needs a volume",
+                    {{RemedyKind::graph}});
+    }
+}
+
+void require_plane(const StoreReader& store) {
+    const Lattice& lattice = store.layout().lattice();
+    if (lattice.dimension() != 2 || lattice.nodes().z != 1) {
+        throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                    "a graph needs data in a plane, one node along z");
+    }
 }
 
 void require_contours(std::span<const double> values) {
     if (values.empty()) {
         throw Error(ErrorKind::invalid_argument, "contours: no values are given");
     }
-    if (values.size() > kMostContours) {
+    if (values.size() > kMaxContours) {
         throw Error(ErrorKind::limit, fmt::format("contours: {} values; at most {} at once",
-                                                  values.size(), kMostContours));
+                                                  values.size(), kMaxContours));
     }
     for (const double value : values) {
         if (!std::isfinite(value)) {
@@ -208,35 +292,29 @@ Stop stop_of(const StoreReader& store, const SurfaceStop& test) {
 namespace {
 
 Stop cell_stop_of(const StoreReader& store, const ErrorBound& asked) {
-    return {asked.guarantee == Guarantee::estimate ? Field::hex_linf : Field::hex_deviation,
+    return {asked.indicator == ErrorIndicator::estimate ? Field::hex_linf : Field::hex_deviation,
             error_of(store, asked)};
 }
 
-/// What is simplified within a distance is the surface at full resolution.
+/// The surface at full resolution is what is simplified within a distance.
 Stop cell_stop_of(const StoreReader& /*store*/, const DistanceBound& asked) {
     require_sense(asked);
     return {Field::hex_deviation, 0};
 }
 
-Stop cell_stop_of(const StoreReader& /*store*/, const TriangleBudget& asked) {
+Stop cell_stop_of(const StoreReader& /*store*/, const TriangleBudgetByDistance& asked) {
     require_sense(asked);
     return {Field::hex_deviation, 0};
 }
 
-Stop cell_stop_of(const StoreReader& store, const ErrorBudget& asked) {
-    return cell_stop_of(store, ErrorBound{0, false, asked.guarantee});
-}
-
-/// Those that hexahedra do not know.
-template <class Asked>
-Stop cell_stop_of(const StoreReader& store, const Asked& asked) {
-    return {Field::hex_deviation, stop_of(store, asked).threshold};
+Stop cell_stop_of(const StoreReader& store, const TriangleBudgetByError& asked) {
+    return cell_stop_of(store, ErrorBound{0, false, asked.indicator});
 }
 
 Stop cell_stop_of(const StoreReader& store, const FieldThreshold& asked) {
     if (!is_of_cells(asked.field)) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("hexahedral cells stop by a field of cells, {}; {} is none",
+                    fmt::format("hexahedral cells need a field of cells, {}; {} is not one",
                                 "hex_linf or hex_deviation", name_of(asked.field)),
                     {{RemedyKind::other_field, "hex_linf,hex_deviation"}});
     }
@@ -245,10 +323,11 @@ Stop cell_stop_of(const StoreReader& store, const FieldThreshold& asked) {
 }
 
 template <class Test>
-Stop any_cell_stop_of(const StoreReader& store, const Test& test, bool finest_needs_none) {
+Stop any_cell_stop_of(const StoreReader& store, const Test& test, CellField cell_field) {
     const Stop stop =
         std::visit([&](const auto& asked) { return cell_stop_of(store, asked); }, test);
-    if (stop.threshold > 0 || !finest_needs_none) {
+    if (cell_field == CellField::needed ||
+        (cell_field == CellField::needed_by_errors && stop.threshold > 0)) {
         require_stored(store, stop.field, "the error of hexahedral cells");
     }
     return stop;
@@ -256,20 +335,32 @@ Stop any_cell_stop_of(const StoreReader& store, const Test& test, bool finest_ne
 
 }  // namespace
 
-Stop stop_of_cells(const StoreReader& store, const isonest::StopTest& test,
-                   bool finest_needs_none) {
-    return any_cell_stop_of(store, test, finest_needs_none);
+Stop stop_of_cells(const StoreReader& store, const isonest::StopTest& test, CellField cell_field) {
+    return any_cell_stop_of(store, test, cell_field);
 }
 
-Stop stop_of_cells(const StoreReader& store, const SurfaceStop& test, bool finest_needs_none) {
-    return any_cell_stop_of(store, test, finest_needs_none);
+Stop stop_of_cells(const StoreReader& store, const SurfaceStop& test, CellField cell_field) {
+    return any_cell_stop_of(store, test, cell_field);
+}
+
+bool is_full_resolution(const SurfaceStop& stop) {
+    const auto* const bound = std::get_if<ErrorBound>(&stop);
+    return bound != nullptr && bound->value == 0;
+}
+
+void require_simplifiable(const std::optional<Effort>& effort, bool may_change) {
+    if (effort.value_or(Effort::none) != Effort::none && !may_change) {
+        throw Error(
+            ErrorKind::invalid_argument,
+            "the efforts fast and best need an error above 0, a distance or a number of triangles");
+    }
 }
 
 void require_components(const ComponentChoice& choice) {
-    if (!(choice.least_volume >= 0) || !std::isfinite(choice.least_volume)) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("least volume {}: must be a finite number, 0 or more",
-                                choice.least_volume));
+    if (!(choice.min_volume >= 0) || !std::isfinite(choice.min_volume)) {
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("least volume {}: must be a finite number, 0 or more", choice.min_volume));
     }
 }
 
@@ -280,9 +371,17 @@ void require_float32(const StoreReader& store, const ExtractQuery& query) {
         const bool height = axis == 2 && query.product == Product::graph;
         const auto ends =
             height ? value_range(store) : std::array{0.0, static_cast<double>(nodes[axis] - 1)};
-        for (const double end : ends) {
+        const auto reach =
+            height || !query.steps.is_sheared()
+                ? std::array{query.origin[a] + query.steps.along[a] * ends[0],
+                             query.origin[a] + query.steps.along[a] * ends[1]}
+                : reach_of({0, 0, 0},
+                           {static_cast<double>(nodes.x - 1), static_cast<double>(nodes.y - 1),
+                            static_cast<double>(nodes.z - 1)},
+                           query.steps, query.origin, a);
+        for (const double end : reach) {
             require_float32(
-                store, query.origin[a] + query.spacing[a] * end,
+                store, end,
                 fmt::format("the {} reaches {} =", height ? "graph" : "volume", "xyz"[a]),
                 height ? Remedy{RemedyKind::other_scale}
                        : Remedy{RemedyKind::place_in_world, "spacing,origin"});

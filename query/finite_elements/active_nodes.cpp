@@ -10,8 +10,7 @@
 #include <cstdlib>
 #include <utility>
 
-#include "query/finite_elements/slot_rows.h"
-#include "query/view/node_sampler.h"
+#include "query/values/node_sampler.h"
 #include "store/base/workers.h"
 
 namespace isonest::detail {
@@ -19,7 +18,7 @@ namespace {
 
 constexpr std::int64_t kRowsPerTask = 64;
 
-/// The child nodes of a refinement node, some of them outside perhaps. Source: section 5.
+/// The child nodes of a refinement node; some may be outside. Source: section 5.
 class Children {
   public:
     Children(const Lattice& lattice, int level, const Int3& odd) {
@@ -57,7 +56,7 @@ class Children {
     std::size_t count_ = 0;
 };
 
-/// Sets bit x of `to` where bit x + by of `from` is set, both of one length.
+/// Sets bit x of `to` if bit x + by of `from` is set; both have the same length.
 void or_shifted(std::span<std::uint64_t> to, std::span<const std::uint64_t> from, std::int64_t by) {
     const auto size = static_cast<std::int64_t>(to.size());
     const std::int64_t words = by >= 0 ? by / 64 : -((-by + 63) / 64);
@@ -71,7 +70,7 @@ void or_shifted(std::span<std::uint64_t> to, std::span<const std::uint64_t> from
     }
 }
 
-/// A thread's memory of one row.
+/// A thread's buffer for one row.
 struct RowBits {
     std::vector<std::uint64_t> slot;  ///< the nodes of a slot
     std::vector<std::uint64_t> refined;
@@ -92,14 +91,14 @@ void set_bit(std::span<std::uint64_t> words, std::int64_t x, bool value) {
                                                << static_cast<unsigned>(x % 64);
 }
 
-/// Whether the elements that may refine at a node of this coordinate reach out of the volume along
-/// the axis, without lying outside.
+/// Whether the elements that may be refined at a node of this coordinate extend beyond the volume
+/// along the axis, without being entirely outside.
 bool crosses_border(std::int64_t p, std::int64_t last, std::int64_t scale, bool is_odd) {
     return last > 0 && p + scale > last && (is_odd || p < last);
 }
 
-/// wanted(rows, row, level, bits, local) sets the bits of the nodes of a row that are wanted; it
-/// may leave out those that are set. `local` belongs to the thread.
+/// wanted(rows, row, level, bits, local) sets the bits of the wanted nodes of a row; it may skip
+/// those already set. `local` belongs to the thread.
 template <class Local, class Wanted>
 NodeSet find_active(const Lattice& lattice, const std::function<Local()>& make_local,
                     const Wanted& wanted, int threads, Progress& progress) {
@@ -146,7 +145,7 @@ NodeSet find_active(const Lattice& lattice, const std::function<Local()>& make_l
             words[w] |= bits.refined[w] & bits.slot[w];
         }
     };
-    // Edges first, then faces, then centres: a node after its children.
+    // Edges first, then faces, then centres: each node after its children.
     std::array<int, kSlots> slots{0, 1, 3, 2, 4, 5, 6};
     progress.begin("grid", static_cast<std::uint64_t>(lattice.top()), "levels");
     Workers(threads).execute([&] {
@@ -180,7 +179,7 @@ NodeSet find_active(const Lattice& lattice, const std::function<Local()>& make_l
     return set;
 }
 
-/// The same, asked node by node: wanted(p, level, local).
+/// The same, node by node: wanted(p, level, local).
 template <class Local, class Wanted>
 NodeSet find_active_by_node(const Lattice& lattice, const std::function<Local()>& make_local,
                             const Wanted& wanted, int threads, Progress& progress) {
@@ -206,7 +205,7 @@ struct NoLocal {};
 double hat_gradient(const Lattice& lattice, const Double3& spacing, int level, unsigned odd_axes) {
     const unsigned axes = 7U & ~lattice.flat_axes();
     const double half = std::ldexp(1.0, level - 1);
-    // Squares of 1 / (half an edge), largest along the axes of a set.
+    // Squares of 1 / (half an edge); the maximum over the axes of a set.
     const auto largest = [&](unsigned set) {
         double most = 0;
         for (unsigned axis = 0; axis < 3; ++axis) {
@@ -217,8 +216,8 @@ double hat_gradient(const Lattice& lattice, const Double3& spacing, int level, u
         }
         return most;
     };
-    // The hat falls to 0 along one axis from a centre of the element's own dimension, else along
-    // two: one of the refinement edge's and one across it, or the edge's own and any other.
+    // At a centre of the element's own dimension the hat falls to 0 along one axis, otherwise along
+    // two: one axis of the refinement edge and one across it, or the edge's own axis and any other.
     if (odd_axes == axes) {
         return std::sqrt(largest(odd_axes));
     }
@@ -258,7 +257,7 @@ NodeSet active_nodes(const Lattice& lattice, const Double3& spacing, std::span<c
         const Real* const end1 = from(first.y + half.y, first.z + half.z);
         for (std::int64_t i = 0, x = first.x; i < rows.count.x; ++i, x += 2 * rows.scale) {
             const std::int64_t by = i % 2 != 0 ? -half.x : half.x;
-            // Where an end would be outside, the element crosses the border: its bit is set.
+            // If an end would be outside, the element crosses the border: its bit is set.
             if (x + rows.odd.x * rows.scale < nodes.x) {
                 const double ends =
                     static_cast<double>(end0[x - by]) + static_cast<double>(end1[x + by]);

@@ -1,6 +1,6 @@
 #include "query/finite_elements/finest_cells.h"
 
-#include "store/base/simd.h"
+#include "store/base/vectors.h"
 
 namespace isonest::detail {
 

@@ -2,10 +2,10 @@
 //
 // Source: Gerstner, Rumpf, Weikard (2000), section 7. A cell of the finest lattice has six
 // elements, each a walk along three of its edges from the corner with even coordinates to the one
-// with odd coordinates; so six gradients are made of twelve differences, and the six local products
-// of twelve fluxes along the edges. Elements of which the refinement node that made them (the
-// midpoint of a coarser cube's edge: the end of the walk's first step) is not active are not there;
-// their weight is 0.
+// with odd coordinates; so six gradients are computed from twelve differences, and the six local
+// products from twelve fluxes along the edges. Elements exist only if the refinement node that
+// creates them (the midpoint of a coarser cube's edge: the end of the walk's first step) is active;
+// otherwise their weight is 0.
 #pragma once
 
 #include <array>
@@ -13,7 +13,7 @@
 
 namespace isonest::detail {
 
-/// Cells that one call does: of equal parity along x, side by side.
+/// Number of cells per call: of equal parity along x, side by side.
 inline constexpr std::size_t kCellsPerCall = 8;
 
 /// One of the four rows of nodes at a row of cells: nodes with even and with odd x.
@@ -27,7 +27,7 @@ struct NodeRow {
 template <class Real>
 using CornerRows = std::array<NodeRow<Real>, 4>;
 
-/// What the local matrices are.
+/// Constants of the local matrices.
 template <class Real>
 struct FinestTerms {
     Real volume;                  ///< of an element
@@ -46,8 +46,8 @@ struct WalkWeights {
     Real xyz, xzy, yxz, yzx, zxy, zyx;
 };
 
-/// Those of the i-th cell: 0 where an element is not there, else 1, or, `Coefficient`,
-/// 1 / (1 + |grad stopping|^2 / lambda^2).
+/// The weights of the i-th cell: 0 for an element that does not exist, otherwise 1, or, with
+/// `Coefficient`, 1 / (1 + |grad stopping|^2 / lambda^2).
 template <bool Coefficient, class Real>
 [[gnu::always_inline]] inline WalkWeights<Real> walk_weights(const FinestTerms<Real>& terms,
                                                              const CornerRows<Real>& stopping,
@@ -86,8 +86,8 @@ template <bool Coefficient, class Real>
     return {xyz, xzy, yxz, yzx, zxy, zyx};
 }
 
-/// `Diagonal`: the stiffness matrix' diagonal in place of its product with value. `there`: 1 where
-/// a cell lies in the volume. Each lane's result depends on that lane alone.
+/// `Diagonal`: computes the stiffness matrix's diagonal instead of its product with value. `there`:
+/// 1 where a cell is in the volume. Each lane's result depends only on that lane.
 template <bool Coefficient, bool Diagonal, class Real>
 [[gnu::always_inline]] inline void finest_stiffness(const FinestTerms<Real>& terms,
                                                     const CornerRows<Real>& value,
@@ -130,7 +130,7 @@ template <bool Coefficient, bool Diagonal, class Real>
     }
 }
 
-/// out += the mass matrix' product with value, or, `Lumped`, its row sums.
+/// out += the mass matrix times value or, with `Lumped`, its row sums.
 template <bool Lumped, class Real>
 [[gnu::always_inline]] inline void finest_mass(const FinestTerms<Real>& terms,
                                                const CornerRows<Real>& value,
@@ -176,16 +176,16 @@ template <bool Lumped, class Real>
     }
 }
 
-/// Where the sums go: the four rows of nodes, as CornerRows.
+/// Destination of the sums: the four rows of nodes, as in CornerRows.
 template <class Real>
 struct SumRow {
     Real* even;
     Real* odd;
 };
 
-/// Which numbers of the elements are summed at their vertices.
+/// What is summed at the elements' vertices.
 enum class ElementWork {
-    stiffness,           ///< factor times the stiffness matrix' product with the function
+    stiffness,           ///< factor times the stiffness matrix times the function
     stiffness_diagonal,  ///< factor times its diagonal
     lumped_mass,         ///< the row sums of the mass matrix
     consistent_mass      ///< its product with the function
@@ -216,13 +216,13 @@ template <ElementWork Work, bool Coefficient, class Real>
     }
 }
 
-/// Where the weights of the cells' twelve edges go: along x, y and z, by the parities of the other
-/// two axes in their order (1 and 2).
+/// Destination of the weights of the cells' twelve edges: along x, y and z, by the parities of the
+/// other two axes in their order (1 and 2).
 template <class Real>
 using EdgeRows = std::array<std::array<Real*, 4>, 3>;
 
-/// Adds the edges' weights (what the stiffness matrix has between their ends, with the other sign),
-/// and the lumped mass matrix' diagonal.
+/// Adds the edges' weights (the negated entries of the stiffness matrix for their ends), and the
+/// diagonal of the lumped mass matrix.
 template <bool Coefficient, class Real>
 [[gnu::always_inline]] inline void add_weights(const FinestTerms<Real>& terms,
                                                const CornerRows<Real>& stopping,
@@ -260,8 +260,8 @@ template <bool Coefficient, class Real>
     add_finest<ElementWork::lumped_mass, false>(terms, stopping, stopping, active, there, mass);
 }
 
-/// The same for the instructions that the machine has, as the products below. `with_coefficient`:
-/// Coefficient.
+/// The same, compiled for the machine's instruction set like the products below.
+/// `with_coefficient`: Coefficient.
 void add_finest_weights(bool with_coefficient, const FinestTerms<float>& terms,
                         const CornerRows<float>& stopping, const CornerRows<float>& active,
                         const float* there, const EdgeRows<float>& edges,
@@ -274,7 +274,7 @@ inline void add_finest_weights(bool with_coefficient, const FinestTerms<double>&
                      : add_weights<false>(terms, stopping, active, there, edges, mass);
 }
 
-/// The products, which are what takes the time, for the instructions that the machine has.
+/// The products, which take most of the time, compiled for the machine's instruction set.
 void add_finest_products(const FinestTerms<float>& terms, const CornerRows<float>& value,
                          const CornerRows<float>& active, const float* there,
                          const std::array<SumRow<float>, 4>& sums);

@@ -1,5 +1,5 @@
-// The functions of GridOperator, for who makes it of another type: the library has that of float
-// alone, because each takes as long to compile as all the rest of its room.
+// The functions of GridOperator, for instantiation with other types: the library contains only
+// float, because each type takes as long to compile as the rest of the directory.
 #pragma once
 
 #include <oneapi/tbb/blocked_range.h>
@@ -12,7 +12,6 @@
 #include <cmath>
 
 #include "query/finite_elements/block_product.h"
-#include "query/finite_elements/block_weights.h"
 #include "query/finite_elements/grid_elements.h"
 #include "query/finite_elements/grid_operator.h"
 
@@ -20,7 +19,7 @@ namespace isonest::detail {
 
 inline constexpr std::size_t kNodesPerTask = 1U << 16U;
 
-/// What elements of each kind and level have in common. `Real`: of the function.
+/// Constants of the elements of each kind and level. `Real`: of the function.
 template <class Real, int D>
 TermsTable<Real, D> terms_of(const Lattice& lattice, const Double3& spacing, double scale,
                              double lambda) {

@@ -2,8 +2,9 @@
 //
 // Source: Gerstner, Rumpf, Weikard (2000), section 7 (SimplexAction: local matrix, local product,
 // update). In an element of kind k the vertices v0 .. v(D-k) walk along axes; each later vertex is
-// the midpoint of an edge that was cut. So each partial derivative is a difference of few values:
-// with m the midpoint of p0 p2, (m - (p0 + p2) / 2) is half an edge long and runs along an axis.
+// the midpoint of an edge that was bisected. So each partial derivative is a difference of few
+// values: the step from the midpoint of an edge to a vertex is half an edge long and runs along an
+// axis.
 #pragma once
 
 #include <array>
@@ -15,8 +16,8 @@
 
 namespace isonest::detail {
 
-/// For each direction (the axes in the element's own order) the weights of the vertices whose sum
-/// is the derivative times the edge length 2^level.
+/// For each direction (the axes in the element's own order), the weights of the vertices whose
+/// weighted sum is the derivative times the edge length 2^level.
 template <int D, int Kind>
 constexpr auto derivative_weights() {
     static_assert(D >= 1 && D <= 3 && Kind >= 0 && Kind < D);
@@ -35,7 +36,7 @@ constexpr auto derivative_weights() {
 
 namespace linear_element {
 
-/// weight * x without a product by 1, 0 or -1.
+/// weight * x without a multiplication for 1, 0 or -1.
 template <int Weight, class Real>
 constexpr Real times(const Real& x) {
     if constexpr (Weight == 1) {
@@ -139,8 +140,8 @@ constexpr void add_stiffness_diagonal(Real scale,
     });
 }
 
-/// Calls f.template operator()<I, J>(weight) for each pair I < J of vertices that the stiffness
-/// matrix couples: what it has at I and J, times scale, with the other sign.
+/// Calls f.template operator()<I, J>(weight) for each pair I < J of vertices coupled by the
+/// stiffness matrix: its entry at I and J, times scale, negated.
 template <int D, int Kind, class Real, class F>
 constexpr void for_couplings(Real scale,
                              const std::array<Real, static_cast<std::size_t>(D)>& inverse,
@@ -184,7 +185,7 @@ constexpr void add_mass(Real volume, const std::array<Real, static_cast<std::siz
     }
 }
 
-/// How the axes of an element go over to its second half; the first half keeps them.
+/// How the axes of an element change for its second half; the first half keeps them.
 template <int D, int Kind>
 constexpr std::array<int, static_cast<std::size_t>(D)> axes_of_second_half(
     const std::array<int, static_cast<std::size_t>(D)>& axes) {

@@ -1,18 +1,192 @@
 #include "query/finite_elements/nonlinear_diffusion.h"
 
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/enumerable_thread_specific.h>
+#include <oneapi/tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <cstdint>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "query/finite_elements/active_nodes.h"
 #include "query/finite_elements/conjugate_gradients.h"
-#include "query/finite_elements/gaussian.h"
 #include "query/finite_elements/grid_operator.h"
-#include "query/finite_elements/projection.h"
+#include "store/base/vectors.h"
 
 namespace isonest::detail {
+namespace {
+
+constexpr std::int64_t kColumns = 32;  ///< number of lines that are convolved side by side
+
+/// Weights of the distances 0, 1, ..; the sum over both sides is 1.
+std::vector<float> weights_of(double sigma, std::int64_t nodes) {
+    constexpr double kCut = 4;
+    const auto radius =
+        std::min<std::int64_t>(static_cast<std::int64_t>(std::ceil(kCut * sigma)), nodes - 1);
+    std::vector<double> w(static_cast<std::size_t>(radius) + 1);
+    double sum = 0;
+    for (std::size_t i = 0; i < w.size(); ++i) {
+        const double t = static_cast<double>(i) / sigma;
+        w[i] = std::exp(-0.5 * t * t);
+        sum += i == 0 ? w[i] : 2 * w[i];
+    }
+    std::vector<float> out;
+    out.reserve(w.size());
+    for (const double weight : w) {
+        out.push_back(static_cast<float>(weight / sum));
+    }
+    return out;
+}
+
+/// The lines along an axis: `count` nodes `stride` apart.
+struct Lines {
+    std::int64_t count;
+    std::int64_t stride;
+};
+
+/// out += weight (low + high).
+ISONEST_SIMD
+void add_pair(float* out, const float* low, const float* high, float weight, std::int64_t count) {
+    for (std::int64_t i = 0; i < count; ++i) {
+        out[i] += weight * (low[i] + high[i]);
+    }
+}
+
+/// Convolves `columns` neighbouring lines starting at `first`. `buffer`: all of them, with borders.
+void convolve(float* first, const Lines& lines, std::int64_t columns,
+              const std::vector<float>& weights, std::vector<float>& buffer) {
+    const auto radius = static_cast<std::int64_t>(weights.size()) - 1;
+    buffer.resize(static_cast<std::size_t>((lines.count + 2 * radius) * columns));
+    for (std::int64_t i = -radius; i < lines.count + radius; ++i) {
+        const std::int64_t from = i < 0 ? -i : i >= lines.count ? 2 * (lines.count - 1) - i : i;
+        std::copy_n(first + from * lines.stride, columns, buffer.data() + (i + radius) * columns);
+    }
+    if (columns == 1 && lines.stride == 1) {
+        const float* const middle = buffer.data() + radius;
+        for (std::int64_t i = 0; i < lines.count; ++i) {
+            first[i] = weights[0] * middle[i];
+        }
+        for (std::int64_t k = 1; k <= radius; ++k) {
+            add_pair(first, middle - k, middle + k, weights[static_cast<std::size_t>(k)],
+                     lines.count);
+        }
+        return;
+    }
+    for (std::int64_t i = 0; i < lines.count; ++i) {
+        float* const out = first + i * lines.stride;
+        const float* const middle = buffer.data() + (i + radius) * columns;
+        for (std::int64_t c = 0; c < columns; ++c) {
+            out[c] = weights[0] * middle[c];
+        }
+        for (std::int64_t k = 1; k <= radius; ++k) {
+            add_pair(out, middle - k * columns, middle + k * columns,
+                     weights[static_cast<std::size_t>(k)], columns);
+        }
+    }
+}
+
+}  // namespace
+
+void smooth_gaussian(std::span<float> values, const Int3& nodes, const Double3& spacing,
+                     double sigma) {
+    tbb::enumerable_thread_specific<std::vector<float>> buffers;
+    for (int axis = 0; axis < 3; ++axis) {
+        const double in_nodes = sigma / spacing[static_cast<std::size_t>(axis)];
+        if (nodes[axis] == 1 || !(in_nodes > 0)) {
+            continue;
+        }
+        const std::vector<float> weights = weights_of(in_nodes, nodes[axis]);
+        const std::int64_t stride = axis == 0 ? 1 : axis == 1 ? nodes.x : nodes.x * nodes.y;
+        const Lines lines{nodes[axis], stride};
+        // Columns of neighbouring lines; along x each line separately.
+        const std::int64_t width = axis == 0 ? 1 : nodes.x;
+        const std::int64_t across = axis == 0 ? nodes.y : ceil_div(nodes.x, kColumns);
+        const std::int64_t others = axis == 1 ? nodes.z : axis == 2 ? nodes.y : nodes.z;
+        tbb::parallel_for(std::int64_t{0}, across * others, [&](std::int64_t i) {
+            const std::int64_t a = i % across;
+            const std::int64_t b = i / across;
+            const std::int64_t x = axis == 0 ? 0 : a * kColumns;
+            const Int3 p = axis == 0 ? Int3{0, a, b} : axis == 1 ? Int3{x, 0, b} : Int3{x, b, 0};
+            convolve(values.data() + nodes.linear(p), lines,
+                     axis == 0 ? 1 : std::min(kColumns, width - x), weights, buffers.local());
+        });
+    }
+}
+
+namespace {
+
+constexpr std::int64_t kRowsInOneGo = 64;
+
+template <class F>
+void for_rows(std::int64_t rows, const F& f) {
+    tbb::parallel_for(tbb::blocked_range<std::int64_t>(0, rows, kRowsInOneGo), [&](const auto& r) {
+        for (std::int64_t row = r.begin(); row < r.end(); ++row) {
+            f(row);
+        }
+    });
+}
+
+/// Computes the inactive refinement nodes of one slot from the nodes of coarser levels.
+void prolong_slot(const Lattice& lattice, const NodeSet& set, int level, int slot,
+                  std::span<float> all) {
+    const Int3 nodes = lattice.nodes();
+    const SlotRows slot_rows(lattice, level, slot);
+    for_rows(slot_rows.rows(), [&](std::int64_t row) {
+        const Int3 first = slot_rows.first_of(row);
+        const Int3 half = slot_rows.half_edge(0, first);
+        const auto from = [&](std::int64_t y, std::int64_t z) {
+            return all.data() + nodes.linear({0, y, z});
+        };
+        const std::span<const std::uint64_t> active = set.row_words(first.y, first.z);
+        float* const to = from(first.y, first.z);
+        const float* const end0 = from(first.y - half.y, first.z - half.z);
+        const float* const end1 = from(first.y + half.y, first.z + half.z);
+        for (std::int64_t i = 0, x = first.x; i < slot_rows.count.x;
+             ++i, x += 2 * slot_rows.scale) {
+            if ((active[static_cast<std::size_t>(x / 64)] >> static_cast<unsigned>(x % 64) & 1U) ==
+                0) {
+                const std::int64_t by = i % 2 != 0 ? -half.x : half.x;
+                to[x] = 0.5F * end0[x - by] + 0.5F * end1[x + by];
+            }
+        }
+    });
+}
+
+}  // namespace
+
+void restrict_to(const NodeSet& set, std::span<const float> all, std::span<float> active) {
+    const Int3 nodes = set.nodes();
+    for_rows(nodes.y * nodes.z, [&](std::int64_t row) {
+        const float* const from = all.data() + row * nodes.x;
+        set.for_row({0, row % nodes.y, row / nodes.y}, nodes.x,
+                    [&](std::int64_t x, std::uint64_t number) { active[number] = from[x]; });
+    });
+}
+
+void prolong(const Lattice& lattice, const NodeSet& set, std::span<const float> active,
+             std::span<float> all) {
+    const Int3 nodes = set.nodes();
+    for_rows(nodes.y * nodes.z, [&](std::int64_t row) {
+        float* const to = all.data() + row * nodes.x;
+        set.for_row({0, row % nodes.y, row / nodes.y}, nodes.x,
+                    [&](std::int64_t x, std::uint64_t number) { to[x] = active[number]; });
+    });
+    if (set.is_full()) {
+        return;
+    }
+    for (int level = lattice.top(); level >= 1; --level) {
+        for (int slot = 0; slot < kSlots; ++slot) {
+            if ((static_cast<unsigned>(slot + 1) & lattice.flat_axes()) == 0) {
+                prolong_slot(lattice, set, level, slot, all);
+            }
+        }
+    }
+}
+
 namespace {
 
 /// Sums of a function over the volume by the lumped mass matrix.
@@ -36,14 +210,15 @@ Moments moments(std::span<const float> mass, std::span<const float> u) {
     return out;
 }
 
-/// In vectors over the lattice, what a step takes: the values, G_sigma * u, r, p, z, two diagonals.
+/// Memory of a step, in vectors over the lattice: the values, G_sigma * u, r, p, z, two diagonals.
 constexpr std::uint64_t kVectors = 7;
-/// The same on a grid of fewer nodes: x, r, p, z, two diagonals and a matrix, of the active nodes
-/// alone; with all but a few active the matrix takes as much as seven.
+/// The same for a grid with fewer nodes: x, r, p, z, two diagonals and a matrix, at the active
+/// nodes only; with nearly all nodes active the matrix takes as much as seven vectors.
 constexpr std::uint64_t kVectorsOfFewer = 13;
 constexpr std::uint64_t kVectorsBesideMatrix = 6;
 
-/// tau B and the diagonals of M and tau B; nothing if they do not fit into what heap() promises.
+/// tau B and the diagonals of M and tau B; nothing if they do not fit into the size given by
+/// heap().
 std::optional<GridMatrix<float>> assembled(const Lattice& lattice, GridOperator<float>& grid,
                                            const Coefficient<float>& a, double tau,
                                            std::span<float> mass, std::span<float> diagonal) {
@@ -76,7 +251,8 @@ std::uint64_t NonlinearDiffusion::heap(const Lattice& lattice, const DiffusionOp
     const auto rows = static_cast<std::uint64_t>(lattice.nodes().y * lattice.nodes().z);
     const std::uint64_t grid =
         ((static_cast<std::uint64_t>(lattice.nodes().x) + 63) / 64 * 12 + 8) * rows;
-    return vectors * sizeof(float) * nodes + grid + nodes / 2;  // the blocks while they are found
+    // the last term: the blocks during their construction
+    return vectors * sizeof(float) * nodes + grid + nodes / 2;
 }
 
 DiffusionStep NonlinearDiffusion::step(Progress& progress) {
@@ -85,7 +261,7 @@ DiffusionStep NonlinearDiffusion::step(Progress& progress) {
     Workers& workers = grid_operator.workers();
     const auto n = static_cast<std::size_t>(set.count());
 
-    // What G_sigma * u is, at the active nodes.
+    // G_sigma * u at the active nodes.
     std::vector<float> smoothed = values_;
     workers.execute([&] { smooth_gaussian(smoothed, lattice_.nodes(), spacing_, options_.sigma); });
     const auto active = [&](std::vector<float>&& all) {
@@ -111,7 +287,7 @@ DiffusionStep NonlinearDiffusion::step(Progress& progress) {
     std::vector<float> diagonal(n);
     const std::optional<GridMatrix<float>> matrix =
         assembled(lattice_, grid_operator, a, options_.tau, mass, diagonal);
-    std::vector<float> r(n);  // M u less (M + tau B) u
+    std::vector<float> r(n);  // M u minus (M + tau B) u
     if (matrix) {
         smoothed = {};
         workers.execute([&] {
@@ -161,13 +337,13 @@ DiffusionStep NonlinearDiffusion::step(Progress& progress) {
     };
     const SolverReport solved = workers.execute([&] {
         return conjugate_gradients<float>(multiply, diagonal, {x, r, p, z},
-                                          options_.tolerance * scale, options_.most_iterations,
+                                          options_.tolerance * scale, options_.max_iterations,
                                           progress);
     });
     report.iterations = solved.iterations;
     report.residual = scale > 0 ? solved.residual / scale : 0;
 
-    // What the solver leaves of the residual is all that could change the mean.
+    // Only the remaining residual could change the mean.
     const Moments after = workers.execute([&] { return moments(mass, x); });
     const auto shift = static_cast<float>(before.mean - after.mean);
     report.mean = before.mean;

@@ -2,18 +2,27 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <optional>
+#include <span>
+#include <string>
+#include <string_view>
 #include <utility>
+#include <vector>
 
 #include <isonest/mesh_file.h>
 
+#include "store/exports/polydata_file.h"
+#include "store/files/open_file.h"
 #include "store/files/output_file.h"
 
 namespace isonest::detail {
 
-/// Opens, publishes and drops the file; a format writes into file(). It is there from create() to
-/// end().
+/// Opens, publishes and discards the file; a format writes into file(), which exists from create()
+/// to end().
 class MeshFile : public MeshSink {
   public:
     MeshFile(std::filesystem::path path, MeshFileOptions options)
@@ -23,10 +32,10 @@ class MeshFile : public MeshSink {
     void end() override;
 
   protected:
-    /// begin(), with the frame and the box that the mesh has in the file.
+    /// Like begin(), with the frame and the box of the mesh in the file.
     virtual void begin_file(const MeshLayout& layout) = 0;
-    /// Whether positions and normals that come are in the other frame than those in the file: x and
-    /// y are then negated.
+    /// Whether positions and normals must be converted to the other frame for the file: x and y are
+    /// then negated.
     [[nodiscard]] bool is_turned() const { return turned_; }
     [[nodiscard]] std::array<float, 3> in_file(const std::array<float, 3>& p) const {
         return turned_ ? std::array<float, 3>{0 - p[0], 0 - p[1], p[2]} : p;
@@ -36,15 +45,15 @@ class MeshFile : public MeshSink {
     [[nodiscard]] const std::string& title() const { return options_.title; }
     [[nodiscard]] const std::optional<LabelColor>& color() const { return options_.color; }
     [[nodiscard]] const Double3& shift() const { return options_.shift; }
-    /// Whether the format has lines.
+    /// Whether the format supports lines.
     [[nodiscard]] virtual bool holds_lines() const { return false; }
-    /// Whether it has the labels beside each triangle.
+    /// Whether the format supports labels on both sides of triangles.
     [[nodiscard]] virtual bool holds_sides() const { return false; }
     /// `prepare`: as of OutputFile.
     OutputFile& create(
         const std::function<void(const std::filesystem::path& temporary)>& prepare = {});
     [[nodiscard]] OutputFile& file() { return *file_; }
-    /// Throws Error{limit} if the count ("vertices", say) is not below 2^bits.
+    /// Throws Error{limit} if the count (of "vertices", for example) is not below 2^bits.
     void require_bits(unsigned bits, std::uint64_t count, const char* what,
                       const char* format) const;
 
@@ -55,12 +64,12 @@ class MeshFile : public MeshSink {
     bool turned_ = false;
 };
 
-/// The frame of a mesh's positions in a file of this name. Throws Error{invalid_argument} for one
-/// that is asked for where the volume's is unknown.
+/// The frame of a mesh's positions in a file of this name. Throws Error{invalid_argument} if a
+/// frame is requested and the volume's is unknown.
 AnatomicalFrame frame_in_file(AnatomicalFrame frame, MeshSpace space,
                               const std::filesystem::path& path);
 
-/// "SPACE=RAS": what 3D Slicer looks for. Empty where the frame is unknown.
+/// The text read by 3D Slicer, for example "SPACE=RAS". Empty if the frame is unknown.
 std::string space_text(AnatomicalFrame frame);
 
 std::unique_ptr<MeshSink> ply_file(const std::filesystem::path& path, const MeshFileOptions& o);
@@ -71,5 +80,120 @@ std::unique_ptr<MeshSink> vtkhdf_file(const std::filesystem::path& path, const M
 std::unique_ptr<MeshSink> glb_file(const std::filesystem::path& path, const MeshFileOptions& o);
 std::unique_ptr<MeshSink> threemf_file(const std::filesystem::path& path, const MeshFileOptions& o);
 std::unique_ptr<MeshSink> ngmesh_file(const std::filesystem::path& path, const MeshFileOptions& o);
+
+// The common part of the binary mesh formats: tables with one row per vertex or element, each at a
+// known place in the file, so that all batches can be written concurrently.
+
+/// A table with a row for every vertex: its position, some bytes of its attributes, or both.
+struct VertexSection {
+    std::uint64_t offset = 0;
+    bool position = false;
+    std::size_t first = 0;  ///< first byte of the attributes
+    std::size_t bytes = 0;
+    double scale = 1;    ///< of the position
+    Double3 shift = {};  ///< added to the position before scaling
+    /// If the rows are in base64: the whole array; `offset` then counts its bytes.
+    Base64Array base64 = {};
+    /// Whether x and y of the position are negated, and of the normal. `normal`: the normal's first
+    /// byte in a row of attributes; kNoNormal if the section has none.
+    bool turned = false;
+    std::size_t normal = kNoNormal;
+    static constexpr std::size_t kNoNormal = ~std::size_t{0};
+
+    [[nodiscard]] std::size_t stride() const {
+        return (position ? sizeof(std::array<float, 3>) : 0) + bytes;
+    }
+};
+VertexSection position_section(std::uint64_t offset, double scale = 1);
+VertexSection attribute_section(std::uint64_t offset, const VertexAttribute& attribute);
+
+/// Contents of an element's row.
+enum class ElementRow : std::uint32_t { corners, end, common, sides, corners32, facet };
+
+/// A table with a row of `stride` bytes for every element.
+struct ElementSection {
+    std::uint64_t offset = 0;
+    std::size_t stride = 0;
+    ElementRow row = ElementRow::corners;
+    std::size_t corners = 3;
+    std::size_t first = 0;  ///< first byte of the attributes that the vertices have in common
+    std::size_t bytes = 0;
+    bool has_prefix = false;  ///< corners32: preceded by the byte `prefix`
+    bool has_sides = false;   ///< corners32: followed by the labels of both sides, int32
+    std::byte prefix{};
+    bool turned = false;      ///< facet: x and y of the corners are negated
+    Base64Array base64 = {};  ///< as in VertexSection
+};
+/// The numbers of the first `corners` corners, int64; and, for each cell, the running total of
+/// corners.
+ElementSection connectivity_section(std::uint64_t offset, std::size_t corners);
+ElementSection ends_section(std::uint64_t offset, std::size_t corners);
+/// An attribute that the vertices of each element have in common.
+ElementSection common_section(std::uint64_t offset, const VertexAttribute& attribute);
+/// The labels behind and in front of each element, int64.
+ElementSection sides_section(std::uint64_t offset);
+/// The numbers of three corners, uint32, preceded by the byte `prefix` if given.
+ElementSection indices32_section(std::uint64_t offset, std::optional<std::byte> prefix = {});
+/// The same, preceded by a byte with the number of corners, and followed by the labels of both
+/// sides, int32.
+ElementSection sided_indices32_section(std::uint64_t offset);
+/// As in STL: normal, three corners, two bytes.
+ElementSection facet_section(std::uint64_t offset);
+
+/// The tables of a file, as plain numbers.
+struct Sections {
+    std::vector<VertexSection> vertices;
+    std::vector<ElementSection> elements;
+
+    /// Adds the length of what precedes them to all offsets. REQUIRES: none is in base64.
+    void shift(std::uint64_t by);
+};
+
+/// A file of sections. The format's begin() creates it, writes everything around them, and sets
+/// them.
+class SectionedFile : public MeshFile {
+  public:
+    using MeshFile::MeshFile;
+    void add_vertices(const VertexBatch& batch) override;
+    void add_elements(const ElementBatch& batch) override;
+    [[nodiscard]] bool concurrent() const override { return true; }
+    void end() override;
+    /// After begin(): lets other processes write some of the rows, by RowWriter, until end().
+    /// Returns the data that they need. Throws Error{io}.
+    std::string share();
+    /// Adds the result of RowWriter::loose_ends() of another process, after its end() and before
+    /// that of the file. Throws Error{io}.
+    void include(std::string_view loose_ends);
+
+  protected:
+    /// Sets the sections once the file exists. `layout`: of the mesh.
+    void use(Sections sections, const MeshLayout& layout);
+    /// Writes bytes of an array in base64 that belong to no row.
+    void put(const Base64Array& array, std::uint64_t at, std::span<const std::byte> bytes);
+
+  private:
+    Sections sections_;
+    Base64Rows base64_;
+};
+
+/// Writes rows of a file that another process has created and publishes. The layout passed to
+/// begin() is ignored; end() syncs the rows to disk.
+class RowWriter : public MeshSink {
+  public:
+    /// `shared`: result of SectionedFile::share() there. Throws Error{io}.
+    explicit RowWriter(std::string_view shared);
+    void begin(const MeshLayout& /*layout*/) override {}
+    void add_vertices(const VertexBatch& batch) override;
+    void add_elements(const ElementBatch& batch) override;
+    void end() override { file_.close(); }
+    [[nodiscard]] bool concurrent() const override { return true; }
+    /// What other processes have to complete in the file, for SectionedFile::include() there.
+    [[nodiscard]] std::string loose_ends() { return base64_.take(); }
+
+  private:
+    SharedFile file_;
+    Sections sections_;
+    Base64Rows base64_;
+};
 
 }  // namespace isonest::detail

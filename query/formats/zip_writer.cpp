@@ -1,4 +1,4 @@
-// Sources: PKWARE, ".ZIP File Format Specification" (APPNOTE.TXT), 4.3 to 4.5; RFC 1951. Room for
+// Sources: PKWARE, ".ZIP File Format Specification" (APPNOTE.TXT), 4.3 to 4.5; RFC 1951. Space for
 // ZIP64 in an entry's header: 3MF Consortium, "3MF Core Specification" 1.4, 1.1.
 #include "query/formats/zip_writer.h"
 
@@ -14,25 +14,25 @@
 namespace isonest::detail {
 namespace {
 
-constexpr int kLevel = 4;               // of a mesh as XML, 6 makes 7 % less in 2.8 times the time
-constexpr int kRawWindow = -MAX_WBITS;  // neither zlib's header nor gzip's
+constexpr int kLevel = 4;               // for a mesh as XML, 6 gives 7 % less in 2.8 times the time
+constexpr int kRawWindow = -MAX_WBITS;  // without a zlib or gzip header
 constexpr int kMemoryLevel = 8;
-/// An empty block that says that it is the last.
+/// An empty block marked as the last.
 constexpr std::string_view kLastBlock{"\x03\x00", 2};
 
 constexpr std::uint64_t kVersion = 20;  // deflate
 constexpr std::uint64_t kVersionZip64 = 45;
 constexpr std::uint64_t kDeflate = 8;
-constexpr std::uint64_t kFirstDay = 0x21;  // 1980-01-01, the earliest date that there is
+constexpr std::uint64_t kFirstDay = 0x21;  // 1980-01-01, the earliest possible date
 constexpr std::uint64_t kZip64Field = 0x0001;
 constexpr std::uint64_t kUnusedField = 0x9999;
-constexpr std::uint64_t kMost16 = 0xFFFF;
+constexpr std::uint64_t kMax16 = 0xFFFF;
 
 constexpr std::size_t kEntryHeader = 30;
 constexpr std::size_t kFieldHeader = 4;
 constexpr std::size_t kEntryField = 16;
 constexpr std::size_t kDirectoryField = 24;
-constexpr std::size_t kZip64End = 44;  // less its first two numbers
+constexpr std::size_t kZip64End = 44;  // without its first two numbers
 
 /// Numbers of 1 to 8 bytes, the lowest byte first.
 class Record {
@@ -65,7 +65,7 @@ DeflatedPiece deflate_piece(std::string_view text) {
         throw std::bad_alloc();
     }
     const std::unique_ptr<z_stream, int (*)(z_stream*)> ended(&stream, ::deflateEnd);
-    constexpr std::size_t kFlush = 64;  // more than the end of a piece takes
+    constexpr std::size_t kFlush = 64;  // more than the end of a piece needs
     DeflatedPiece piece;
     piece.bytes.resize(::deflateBound(&stream, text.size()) + kFlush);
     const auto* const input = reinterpret_cast<const Bytef*>(text.data());
@@ -73,7 +73,7 @@ DeflatedPiece deflate_piece(std::string_view text) {
     stream.avail_in = static_cast<uInt>(text.size());
     stream.next_out = reinterpret_cast<Bytef*>(piece.bytes.data());
     stream.avail_out = static_cast<uInt>(piece.bytes.size());
-    // To the end of a byte, where the next piece begins.
+    // Flush to a byte boundary, where the next piece starts.
     [[maybe_unused]] const int result = ::deflate(&stream, Z_FULL_FLUSH);
     assert(result == Z_OK && stream.avail_in == 0 && stream.avail_out > 0);
     piece.bytes.resize(stream.total_out);
@@ -83,7 +83,7 @@ DeflatedPiece deflate_piece(std::string_view text) {
 }
 
 bool ZipWriter::is_large(const Entry& entry) const {
-    return std::max({entry.place, entry.size, entry.deflated}) >= most_;
+    return std::max({entry.place, entry.size, entry.deflated}) >= max_;
 }
 
 void ZipWriter::append(std::string_view bytes) {
@@ -115,7 +115,7 @@ void ZipWriter::end_entry() {
     Record record;
     record.text("PK\x03\x04").u16(large ? kVersionZip64 : kVersion).u16(0).u16(kDeflate);
     record.u16(0).u16(kFirstDay).u32(entry.crc);
-    record.u32(large ? kMost32 : entry.deflated).u32(large ? kMost32 : entry.size);
+    record.u32(large ? kMax32 : entry.deflated).u32(large ? kMax32 : entry.size);
     record.u16(entry.name.size()).u16(kFieldHeader + kEntryField).text(entry.name);
     record.u16(large ? kZip64Field : kUnusedField).u16(kEntryField);
     record.u64(large ? entry.size : 0).u64(large ? entry.deflated : 0);
@@ -124,7 +124,7 @@ void ZipWriter::end_entry() {
 
 void ZipWriter::finish() {
     const std::uint64_t begin = at_;
-    bool zip64 = begin >= most_;
+    bool zip64 = begin >= max_;
     for (const Entry& entry : entries_) {
         const bool large = is_large(entry);
         zip64 = zip64 || large;
@@ -132,9 +132,9 @@ void ZipWriter::finish() {
         const std::uint64_t version = large ? kVersionZip64 : kVersion;
         record.text("PK\x01\x02").u16(version).u16(version).u16(0).u16(kDeflate);
         record.u16(0).u16(kFirstDay).u32(entry.crc);
-        record.u32(large ? kMost32 : entry.deflated).u32(large ? kMost32 : entry.size);
+        record.u32(large ? kMax32 : entry.deflated).u32(large ? kMax32 : entry.size);
         record.u16(entry.name.size()).u16(large ? kFieldHeader + kDirectoryField : 0).u16(0);
-        record.u16(0).u16(0).u32(0).u32(large ? kMost32 : entry.place).text(entry.name);
+        record.u16(0).u16(0).u32(0).u32(large ? kMax32 : entry.place).text(entry.name);
         if (large) {
             record.u16(kZip64Field).u16(kDirectoryField);
             record.u64(entry.size).u64(entry.deflated).u64(entry.place);
@@ -149,9 +149,9 @@ void ZipWriter::finish() {
         record.u32(0).u32(0).u64(count).u64(count).u64(end - begin).u64(begin);
         record.text("PK\x06\x07").u32(0).u64(end).u32(1);
     }
-    record.text("PK\x05\x06").u16(0).u16(0).u16(zip64 ? kMost16 : count);
-    record.u16(zip64 ? kMost16 : count).u32(zip64 ? kMost32 : end - begin);
-    record.u32(zip64 ? kMost32 : begin).u16(0);
+    record.text("PK\x05\x06").u16(0).u16(0).u16(zip64 ? kMax16 : count);
+    record.u16(zip64 ? kMax16 : count).u32(zip64 ? kMax32 : end - begin);
+    record.u32(zip64 ? kMax32 : begin).u16(0);
     append(record.bytes());
 }
 

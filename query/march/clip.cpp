@@ -13,12 +13,12 @@ bool is_in_face(const ClipContext& clip, const std::array<std::uint32_t, 3>& tri
                        [&](std::uint32_t v) { return clip.position(v)[axis] == limit; });
 }
 
-/// Whether the triangles around a vertex in a face of the box may meet that face more than twice:
-/// not if the vertex is on an edge that lies in the face, because then each half of the face at the
-/// edge runs through one element or between two, where the surface is plane. Edges run along axes
-/// and diagonals between nodes: one that crosses a face through nodes does so where all coordinates
-/// are whole. In hexahedra the surface is not plane, and a few vertices with several fans are
-/// missed (tests/TRUST.md).
+/// Whether the triangles around a vertex in a face of the box may meet that face more than twice.
+/// This is impossible if the vertex is on an edge in the face, because then each half of the face
+/// at the edge runs through one element or between two, where the surface is plane. Edges run along
+/// axes and diagonals between nodes: one that crosses a face through nodes does so where all
+/// coordinates are integers. In hexahedra the surface is not plane, and a few vertices with several
+/// fans are missed (tests/TRUST.md).
 bool may_have_fans(const Double3& vertex, double limit) {
     constexpr double kRounding = 1e-6;
     const auto is_whole = [](double x) { return std::fabs(x - std::round(x)) <= kRounding; };
@@ -45,8 +45,8 @@ std::uint32_t ClipContext::crossing(const std::array<std::uint32_t, 3>& triangle
             return it->second;
         }
     }
-    // Interpolated between the ends of the whole edge, the lower coordinates first: the same bits
-    // from both sides and in every part.
+    // Interpolated between the ends of the whole edge, lower coordinates first: bit for bit the
+    // same from both sides and in every part.
     Double3 p = position(a);
     Double3 q = position(b);
     c.from = a;
@@ -73,7 +73,7 @@ std::vector<std::array<std::uint32_t, 3>> ClipContext::cut(
         const std::size_t axis = plane / 2;
         const bool low = (plane & 1U) == 0;
         const double limit = low ? box_.lo[axis] : box_.hi[axis];
-        // How far inside: > 0 inside, 0 on the plane, < 0 outside.
+        // Distance to the inside: > 0 inside, 0 on the plane, < 0 outside.
         const auto inside = [&](const Side& s) {
             const double x = position(s.v)[axis];
             return low ? x - limit : limit - x;
@@ -91,7 +91,7 @@ std::vector<std::array<std::uint32_t, 3>> ClipContext::cut(
             reaches_out = reaches_out || d0 < 0;
             in_face += d0 == 0 && may_have_fans(position(from.v), limit) ? 1 : 0;
             if (d0 >= 0) {
-                // A side that leaves through this very corner is replaced by the plane's.
+                // A side that leaves exactly through this corner is replaced by the plane's.
                 kept.push_back({from.v, d1 < 0 && d0 == 0 ? 3 : from.edge});
             }
             if ((d0 > 0 && d1 < 0) || (d0 < 0 && d1 > 0)) {

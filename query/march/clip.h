@@ -1,8 +1,8 @@
-// Cuts triangles at an axis-aligned box.
+// Clips triangles to an axis-aligned box.
 //
-// Source: I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17 (1974). Every new vertex
-// is named by the triangle edge and the plane that make it, so that both triangles at the edge get
-// the same one.
+// Source: I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17 (1974). A new vertex is
+// identified by the triangle edge and the plane that make it, so both triangles at the edge get the
+// same vertex.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@
 
 namespace isonest::detail {
 
-/// A box in coordinates of the finest lattice, to which the surface is cut.
+/// A box in coordinates of the finest lattice, to which the surface is clipped.
 struct ClipBox {
     Double3 lo{};
     Double3 hi{};
@@ -38,13 +38,14 @@ class ClipContext {
         std::uint32_t to = 0;
         double t = 0;
     };
-    /// New vertices are numbered from `first_new` on.
+    /// New vertices are numbered from `first_new`.
     ClipContext(const ClipBox& box, std::function<const Double3&(std::uint32_t)> position,
                 std::uint32_t first_new)
         : box_(box), old_position_(std::move(position)), first_new_(first_new) {}
 
-    /// The parts of the triangle inside the closed box, as triangles; none if it only touches. What
-    /// lies in a face of the box stays. REQUIRES: the triangle is not of an element outside.
+    /// The parts of the triangle inside the closed box, as triangles; none if it only touches.
+    /// Parts in a face of the box are kept. REQUIRES: the triangle does not belong to an element
+    /// outside.
     std::vector<std::array<std::uint32_t, 3>> cut(const std::array<std::uint32_t, 3>& triangle);
     [[nodiscard]] const CutVertex& vertex(std::uint32_t v) const {
         return vertices_[v - first_new_];
@@ -52,19 +53,18 @@ class ClipContext {
     [[nodiscard]] const Double3& position(std::uint32_t v) const {
         return v < first_new_ ? old_position_(v) : vertices_[v - first_new_].position;
     }
-    /// Corners in a face of the box, so far, of triangles that reach beyond that face, but for
-    /// those on edges in the face: what is left of the triangles around such a corner may be
-    /// several fans.
+    /// Counts corners so far that lie in a face of the box, of triangles that extend beyond that
+    /// face, except for corners on edges in the face. What is left of the triangles around such a
+    /// corner may be several fans.
     [[nodiscard]] std::uint64_t cut_fans() const { return cut_fans_; }
-    /// Whether another part may have the same cut vertex: only if both ends are open there.
+    /// Whether another part may have the same cut vertex: only if both ends are open.
     [[nodiscard]] bool is_shared(std::uint32_t v, const std::vector<std::uint64_t>& open) const {
         const CutVertex& c = vertex(v);
         return !c.inside_triangle && open[c.end0] != 0 && open[c.end1] != 0;
     }
 
   private:
-    /// A polygon corner and the triangle edge (0, 1, 2) that the side after it lies on; 3 = a
-    /// plane.
+    /// A polygon corner, and the triangle edge (0, 1, 2) of the following side; 3 = a plane.
     struct Side {
         std::uint32_t v;
         std::size_t edge;
@@ -80,8 +80,9 @@ class ClipContext {
     std::map<std::tuple<std::uint32_t, std::uint32_t, std::uint32_t>, std::uint32_t> index_;
 };
 
-/// How the box from `low` to `high` lies to `box`; along an axis without extent `box` is infinite.
-/// If `box` is to be closed, what touches it from inside crosses it: it has a share in the caps.
+/// Position of the box from `low` to `high` relative to `box`, which is infinite along axes without
+/// extent. If `box` is to be closed, boxes that touch it from inside are crossing: they contribute
+/// to the caps.
 enum class Overlap { outside, crossing, inside };
 
 inline Overlap overlap_of(const ClipBox& box, const Int3& low, const Int3& high) {

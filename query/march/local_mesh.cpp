@@ -1,17 +1,16 @@
 // Marching tetrahedra with exact hits.
 //
 // Sources: A. Doi, A. Koide, "An efficient method of triangulating equi-valued surfaces by using
-// tetrahedral cells", IEICE Trans. E74 (1991) for the cases. The treatment of nodes that lie
-// exactly on the surface is our own: each tetrahedron face with such a node, one node below and one
-// not below is crossed by the surface in a segment from that node; the faces around a node that
-// successive tetrahedra link form closed fans, and each fan is one vertex. So sheets that touch in
-// a node stay separate, and the triangles that would have no area never arise.
+// tetrahedral cells", IEICE Trans. E74 (1991) for the cases. The treatment of nodes exactly on the
+// surface is our own: a tetrahedron face with such a node, one node below and one not below is
+// crossed by the surface in a segment from that node; the faces around a node that successive
+// tetrahedra link form closed fans, and each fan is one vertex. So sheets that touch at a node stay
+// separate, and triangles without area never arise.
 #include "query/march/local_mesh.h"
 
-#include "query/march/crossing.h"
 #include "query/march/cube_cases.h"
 #include "query/march/march_hexahedron.h"
-#include "query/view/topology.h"
+#include "query/values/topology.h"
 
 namespace isonest::detail {
 namespace {
@@ -30,8 +29,8 @@ std::uint32_t LocalMesh::fan(const Corner& node, const Corner& a0, const Corner&
     return vertices_.fan(node.node, a0.node + b0.node, a1.node + b1.node);
 }
 
-/// Adds a triangle whose edge i, from corner i to i + 1, passes through mid[i] where that is a
-/// vertex: none of them, one, or all three.
+/// Adds a triangle whose edge i, from corner i to i + 1, passes through mid[i] if that is a vertex:
+/// none of them, one, or all three.
 void LocalMesh::add_split(const std::array<std::uint32_t, 3>& v,
                           const std::array<std::uint32_t, 3>& mid, bool cut) {
     const int count = (mid[0] != kNoMidpoint) + (mid[1] != kNoMidpoint) + (mid[2] != kNoMidpoint);
@@ -44,7 +43,7 @@ void LocalMesh::add_split(const std::array<std::uint32_t, 3>& v,
         return add(mid[s], v[(s + 1) % 3], v[(s + 2) % 3], cut);
     }
     // The whole triangle is a face of the grid, and the surface may pass through it on both sides
-    // with the same six vertices; a centre of its own keeps the two apart.
+    // with the same six vertices; a separate centre distinguishes the two.
     const std::uint32_t c = vertices_.centre(v);
     for (std::size_t i = 0; i < 3; ++i) {
         add(c, v[i], mid[i], cut);
@@ -77,7 +76,7 @@ void LocalMesh::march_two_below(const Corner& a, const Corner& b, const Corner& 
     const bool b_hit = is_hit(b, iso);
     if (a_hit && b_hit) {
         if (single_sheet_) {
-            return;  // what else is there comes from other tetrahedra
+            return;  // everything else there comes from other tetrahedra
         }
         fan(a, b, q1, b, q2);
         fan(b, a, q1, a, q2);

@@ -1,4 +1,4 @@
-// The part of the surface that one thread makes in one go, before vertices are welded across parts.
+// The part of the surface that one thread makes at a time, before vertices are welded across parts.
 #pragma once
 
 #include <array>
@@ -8,11 +8,9 @@
 
 #include <isonest/int3.h>
 
-#include "query/march/capped_hexahedron.h"
-#include "query/march/capped_tetrahedron.h"
-#include "query/march/corner.h"
-#include "query/march/finish_part.h"
-#include "query/march/hex_cell.h"
+#include "query/march/capped_cells.h"
+#include "query/march/march_hexahedron.h"
+#include "query/march/mesh_part.h"
 #include "query/march/part_vertices.h"
 
 namespace isonest::detail {
@@ -20,62 +18,62 @@ namespace isonest::detail {
 /// Collects triangles of marched tetrahedra. Not thread-safe; one per thread, reused.
 class LocalMesh {
   public:
-    /// With attributes of the vertices; `attributes` must outlive the mesh.
-    /// `finest`: as PartVertices takes it.
-    /// `single_sheet`: the surface never touches itself (a plane), so that a node on it is one
-    /// vertex, and a face in it one triangle.
+    /// `attributes`: of the vertices; must outlive the mesh. `finest`: as for PartVertices.
+    /// `single_sheet`: the surface never touches itself (a plane), so a node on it is one vertex,
+    /// and a face in it one triangle.
     explicit LocalMesh(AttributeSampler* attributes, bool single_sheet = false,
                        FinestCrossing* finest = nullptr)
         : single_sheet_(single_sheet), vertices_(attributes, finest) {}
-    /// The surface closed at the faces of `box`. Where it passes exactly through nodes near them it
-    /// has a vertex on each edge to a smaller value there, and triangles may have zero area.
+    /// For a surface closed at the faces of `box`. Where it passes exactly through nodes near the
+    /// faces, it has a vertex on each edge to a smaller value, and triangles may have zero area.
     /// REQUIRES: box.close.
     LocalMesh(AttributeSampler* attributes, const ClipBox& box)
         : caps_(box), cell_caps_(box), vertices_(attributes) {}
 
-    /// From now on all corners are nodes of the lattice of edge 2^level, and in the box of `cells`
-    /// from node `low` on; vertices are then found faster. REQUIRES: empty().
+    /// From now on all corners are nodes of the lattice of edge 2^level, in the box of `cells`
+    /// starting at node `low`; this speeds up finding vertices. REQUIRES: empty().
     void place(const Int3& low, int level, const Int3& cells) {
         vertices_.place(low, level, cells);
     }
 
     /// Marches one leaf tetrahedron: a node is inside if value >= iso; the triangles' normals point
-    /// to the smaller values. Where the surface passes exactly through nodes, no triangle of zero
-    /// area arises and the mesh stays a manifold. `cut` says that the tetrahedron may reach out of
-    /// the box, or touch a closed one's faces. `positive`: det(v1 - v0, v2 - v0, v3 - v0) > 0.
+    /// to smaller values. Where the surface passes exactly through nodes, there are no triangles of
+    /// zero area and the mesh stays a manifold. `cut`: the tetrahedron may extend beyond the box,
+    /// or touch the faces of a closed box. `positive`: det(v1 - v0, v2 - v0, v3 - v0) > 0.
     void march(const std::array<Corner, 4>& corners, bool positive, double iso, bool cut);
 
-    /// Marches the six tetrahedra of a cube; how many of them the surface crosses. REQUIRES:
-    /// place() was called; no corner has the isovalue, and the cube touches no face of a closed
-    /// box.
+    /// Marches the six tetrahedra of a cube and returns how many of them the surface crosses.
+    /// REQUIRES: place() was called; no corner has the isovalue, and the cube touches no face of a
+    /// closed box.
     unsigned march_cube(const Cube& cube, double iso, bool cut);
-    /// One of them (kAxisOrders). REQUIRES: as above, of its own corners.
+    /// Marches one of them (kAxisOrders). REQUIRES: as above, for its own corners.
     unsigned march_in_cube(const Cube& cube, std::size_t order, double iso, bool cut);
 
     /// Marches a hexahedral cell (march_hexahedron.h). `hits`: whether a corner has the isovalue.
-    /// `cut`: as march() takes it. REQUIRES: as there; if the mesh is closed, of the finest
+    /// `cut`: as for march(). REQUIRES: as there; if the mesh is closed, a cell of the finest
     /// lattice.
     bool march_hexahedron(const Cube& cube, bool hits, double iso, bool cut);
 
-    /// Marches a cell of an adaptive hexahedral grid (hex_cell.h). REQUIRES: place() was not
-    /// called, and the mesh is not closed.
+    /// Marches a cell of an adaptive hexahedral grid (march_hexahedron.h). REQUIRES: place() was
+    /// not called, and the mesh is not closed.
     bool march_hex_cell(const HexCell& cell, double iso, bool cut) {
         return detail::march_hex_cell(vertices_, cell, iso, cut, triangles_);
     }
 
-    /// Adds the line {U = iso} in a leaf triangle of a plane, where there is one: a "triangle"
-    /// whose last two corners are equal. One mesh holds lines or triangles, not both.
+    /// Adds the line {U = iso} in a leaf triangle of a plane, if any: a "triangle" whose last two
+    /// corners are equal. A mesh contains either lines or triangles.
     void march_line(const std::array<Corner, 3>& corners, double iso, bool cut);
     /// Adds a leaf triangle of the graph z = U over the xy plane, facing up.
     void add_graph(const std::array<Corner, 3>& corners, bool cut);
 
     [[nodiscard]] bool empty() const { return triangles_.empty() && vertices_.size() == 0; }
-    /// What is held, in units of a vertex; the owner bounds it by finishing the part.
+    /// Current size, in units of a vertex; the owner limits it by finishing the part.
     [[nodiscard]] std::size_t size() const { return vertices_.weight(); }
-    /// Bytes of heap per unit held, at most, finishing included; the table of place() comes on top.
+    /// Maximum bytes of heap per unit of size(), including finish(); the table of place() is
+    /// additional.
     static constexpr std::size_t kBytesPerVertex = 488;
 
-    /// Turns what was collected into a part, cut to the box, and starts anew.
+    /// Converts the collected triangles to a part, clipped to the box, and starts a new one.
     MeshPart finish(const ClipBox& box);
 
   private:
@@ -94,14 +92,14 @@ class LocalMesh {
     void march_two_below(const Corner& a, const Corner& b, const Corner& q1, const Corner& q2,
                          bool positive, double iso, bool cut);
 
-    /// Whether a node on the surface has vertices of its own; else, near the faces of a closed box,
-    /// the edges to it have.
+    /// Whether a node on the surface has its own vertices. Otherwise, near the faces of a closed
+    /// box, the edges to it have vertices.
     [[nodiscard]] bool is_hit(const Corner& c, double iso) const {
         return c.value == iso && (!caps_ || caps_->is_far_from_faces(vertices_.finest(c.node)));
     }
 
     bool single_sheet_ = false;
-    // If a box is closed.
+    // Set if a box is closed.
     std::optional<CappedTetrahedron> caps_;
     std::optional<CappedHexahedron> cell_caps_;
     bool lines_ = false;

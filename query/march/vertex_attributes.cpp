@@ -5,21 +5,50 @@
 #include <cmath>
 #include <cstring>
 
-#include "store/base/unit_normal.h"
-#include "store/container/indicator_code.h"
+#include "store/base/vectors.h"
+#include "store/container/codec.h"
+#include "store/lattice/lattice.h"
 
 namespace isonest::detail {
+
+FinestCrossing::Edge FinestCrossing::between(const Int3& a, double a_value, const Int3& b,
+                                             double b_value) {
+    const bool in_order = a.z != b.z ? a.z < b.z : a.y != b.y ? a.y < b.y : a.x < b.x;
+    return in_order ? Edge{a, b, a_value, b_value} : Edge{b, a, b_value, a_value};
+}
+
+FinestCrossing::Edge FinestCrossing::finest(Edge edge) {
+    for (;;) {
+        const Int3 twice = edge.from + edge.to;
+        if (((twice.x | twice.y | twice.z) & 1) != 0) {
+            return edge;
+        }
+        const Int3 middle{twice.x / 2, twice.y / 2, twice.z / 2};
+        const double value = nodes_.value(middle, level_of_node(middle));
+        if (!std::isfinite(value)) {
+            return edge;
+        }
+        if ((edge.from_value < iso_) != (value < iso_)) {
+            edge.to = middle;
+            edge.to_value = value;
+        } else {
+            edge.from = middle;
+            edge.from_value = value;
+        }
+    }
+}
+
 namespace {
 
-/// a + t (b - a), and by how much it may be off.
+/// a + t (b - a), with its maximum rounding error.
 struct Interpolated {
     double value;
     double rounding;
 };
 
-/// What is lost by rounding is a double itself in each step, and is exact where nothing is lost.
-/// Source: T. J. Dekker, "A floating-point technique for extending the available precision" (1971);
-/// D. E. Knuth, TAOCP 2, 4.2.2.
+/// The rounding error of each step is itself a double, and is computed exactly. Source: T. J.
+/// Dekker, "A floating-point technique for extending the available precision" (1971); D. E. Knuth,
+/// TAOCP 2, 4.2.2.
 Interpolated interpolate(double a, double b, double t) {
     if (t == 0) {
         return {a, 0};
@@ -103,8 +132,7 @@ AttributeSampler::AttributeSampler(const AttributeChoice& choice, ChunkCache& ow
     : choice_(choice),
       width_(choice.width()),
       own_(own),
-      values_(values != nullptr ? *values : own),
-      spacing_(own.source().layout().header().spacing) {}
+      values_(values != nullptr ? *values : own) {}
 
 void AttributeSampler::enter(int level, const Int3& node) {
     own_.enter(level, node);
@@ -173,7 +201,7 @@ VertexAttributes AttributeSampler::sample(const Int3& a, const Int3& b, double t
 }
 
 VertexAttributes AttributeSampler::node(const Int3& p) {
-    return sample(p, p, 0, false);  // no error: the function itself holds in its nodes
+    return sample(p, p, 0, false);  // no error: the function is exact at its nodes
 }
 
 VertexAttributes AttributeSampler::mix(const VertexAttributes& a, const VertexAttributes& b,
@@ -217,7 +245,7 @@ VertexAttributes AttributeSampler::mean(const VertexAttributes& a, const VertexA
         const double first = choice_.value_of(a);
         const double second = choice_.value_of(b);
         const double third = choice_.value_of(c);
-        // Thirds, so that a sum of large ones stays finite.
+        // In thirds, so that a sum of large numbers stays finite.
         const double number = first / 3 + second / 3 + third / 3;
         const double put =
             choice_.wide_value ? choice_.put_value(number, out) : choice_.value_of(out);

@@ -1,5 +1,5 @@
-// Components by union-find (store/base/union_find.h), each set's lowest vertex its root.
-// The volume within a closed surface is a sum over its triangles: C. Zhang and T. Chen, "Efficient
+// Components by union-find (store/base/box.h), with each set's lowest vertex as its root. The
+// volume within a closed surface is a sum over its triangles: C. Zhang and T. Chen, "Efficient
 // feature extraction for 2D/3D objects in mesh representation", ICIP 2001.
 #include "query/mesh/components.h"
 
@@ -7,8 +7,8 @@
 #include <cmath>
 #include <numeric>
 
-#include "query/mesh/border_count.h"
-#include "store/base/union_find.h"
+#include "query/mesh/measuring_sink.h"
+#include "store/base/box.h"
 
 namespace isonest::detail {
 namespace {
@@ -16,12 +16,12 @@ namespace {
 struct Component {
     std::uint64_t elements = 0;
     std::uint64_t first_vertex = 0;
-    double volume = 0;       ///< of a closed one; positive if it faces outward
+    double volume = 0;       ///< of a closed component; positive if it faces outward
     std::uint32_t open = 0;  ///< whether it has a border
     std::uint32_t kept = 0;
 };
 
-/// visit(element) for all, with progress.
+/// Calls visit(element) for all elements, with progress.
 template <class Visit>
 void each_element(const ScratchMesh& mesh, Progress& progress, const Visit& visit) {
     constexpr std::size_t kOften = std::size_t{1} << 16U;
@@ -34,7 +34,7 @@ void each_element(const ScratchMesh& mesh, Progress& progress, const Visit& visi
     }
 }
 
-/// The component of each vertex, numbered by their lowest vertices.
+/// The component of each vertex; components are numbered by their lowest vertices.
 class Labels {
   public:
     Labels(const ScratchMesh& mesh, const ScratchFolder& folder, Progress& progress)
@@ -45,7 +45,7 @@ class Labels {
         each_element(mesh, progress, [&](const ElementCorners& e) {
             unite(parent, unite(parent, e[0], e[1]), e[2]);
         });
-        // A parent is lower than its child, so it has its number already.
+        // A parent is lower than its child, so it already has its number.
         for (std::uint64_t v = 0; v < parent.size(); ++v) {
             parent[v] = parent[v] == v ? count_++ : parent[parent[v]];
         }
@@ -78,9 +78,10 @@ double six_volumes(const ScratchMesh& mesh, const ElementCorners& e, std::uint64
            a[2] * (b[0] * c[1] - b[1] * c[0]);
 }
 
-/// Fills in volumes and borders. Around a vertex within a closed surface every neighbour is as
-/// often the first of a triangle's two as it is the second: so a sum of their mixed numbers, with
-/// signs, is 0 there. At the end of a border it is a difference of two, which is not.
+/// Computes volumes and borders. Around a vertex in a closed surface every neighbour occurs equally
+/// often as the first and as the second of a triangle's other corners: so the signed sum of their
+/// mixed numbers is 0. At the end of a border it is a difference of two such numbers, which is not
+/// 0.
 void measure(const ScratchMesh& mesh, const Labels& labels, std::span<Component> components,
              const ScratchFolder& folder, Progress& progress) {
     constexpr double kOfParallelepiped = 1.0 / 6;
@@ -103,7 +104,7 @@ void measure(const ScratchMesh& mesh, const Labels& labels, std::span<Component>
     }
 }
 
-/// Keeps the `most` largest of those that are kept, of equal ones those with lower vertices.
+/// Keeps only the `most` largest of the kept components; of equal ones those with lower vertices.
 void keep_largest(std::span<Component> components, std::uint64_t most,
                   const ScratchFolder& folder) {
     if (components.size() <= most) {
@@ -136,38 +137,38 @@ KeptComponents::KeptComponents(const ScratchMesh& mesh, const ComponentChoice& c
     : corner_file_(folder), corners_(mesh.corners()) {
     progress.begin("find components", 2 * mesh.layout().elements, "triangles");
     const Labels labels(mesh, folder, progress);
-    components_ = labels.count();
+    report_.components = labels.count();
     ScratchFile file(folder);
-    file.map(components_ * sizeof(Component));
+    file.map(report_.components * sizeof(Component));
     const auto components = file.as<Component>();
     for (std::uint64_t v = mesh.layout().vertices; v-- > 0;) {
         components[labels.of_vertex()[v]].first_vertex = v;
     }
     each_element(mesh, progress,
                  [&](const ElementCorners& e) { ++components[labels.of(e)].elements; });
-    if (choice.least_volume > 0) {
+    if (choice.min_volume > 0) {
         measure(mesh, labels, components, folder, progress);
     }
     for (Component& c : components) {
         const bool large =
-            choice.least_volume <= 0 || c.open != 0 || std::fabs(c.volume) >= choice.least_volume;
-        c.kept = large && c.elements >= choice.least_triangles ? 1 : 0;
+            choice.min_volume <= 0 || c.open != 0 || std::fabs(c.volume) >= choice.min_volume;
+        c.kept = large && c.elements >= choice.min_triangles ? 1 : 0;
     }
     if (choice.largest > 0) {
         keep_largest(components, choice.largest, folder);
     }
     for (const Component& c : components) {
         if (c.kept == 0) {
-            ++dropped_;
-            dropped_elements_ += c.elements;
-            largest_dropped_ = std::max(largest_dropped_, c.elements);
+            ++report_.dropped;
+            report_.dropped_triangles += c.elements;
+            report_.largest_dropped = std::max(report_.largest_dropped, c.elements);
         }
     }
-    if (dropped_ == 0) {
+    if (report_.dropped == 0) {
         return;
     }
     corner_file_.begin(mesh.layout().vertices);
-    corner_file_.map(mesh.layout().elements - dropped_elements_);
+    corner_file_.map(mesh.layout().elements - report_.dropped_triangles);
     std::uint64_t kept = 0;
     progress.begin("drop components", mesh.layout().elements, "triangles");
     each_element(mesh, progress, [&](const ElementCorners& e) {

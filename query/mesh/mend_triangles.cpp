@@ -5,36 +5,163 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <cstdlib>
 #include <limits>
 #include <mutex>
 #include <optional>
 #include <set>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
-#include "query/mesh/link_condition.h"
-#include "query/mesh/nudge_vertex.h"
 #include "query/mesh/vertex_stars.h"
-#include "query/mesh/zero_area.h"
+#include "store/base/vectors.h"
 
 namespace isonest::detail {
 namespace {
 
 using Point = std::array<float, 3>;
+
+Double3 normal_of(const Point& a, const OppositeSide& side) {
+    const auto from_a = [&a](const Point& p) {
+        Double3 d{};
+        for (std::size_t i = 0; i < 3; ++i) {
+            d[i] = static_cast<double>(p[i]) - static_cast<double>(a[i]);
+        }
+        return d;
+    };
+    return cross(from_a(side[0]), from_a(side[1]));
+}
+
+/// The triangles' normals before the move.
+std::vector<Double3> facings(const Point& vertex, std::span<const OppositeSide> around) {
+    std::vector<Double3> normals;
+    normals.reserve(around.size());
+    Double3 sum{};
+    for (const OppositeSide& side : around) {
+        normals.push_back(normal_of(vertex, side));
+        for (std::size_t i = 0; i < 3; ++i) {
+            sum[i] += normals.back()[i];
+        }
+    }
+    for (std::size_t i = 0; i < around.size(); ++i) {
+        if (missing_dimensions(vertex, around[i][0], around[i][1]) > 0) {
+            normals[i] = sum;
+        }
+    }
+    return normals;
+}
+
+float stepped(float from, double least, int steps) {
+    constexpr float kInfinity = std::numeric_limits<float>::infinity();
+    const float size = std::fabs(from);
+    const double unit = static_cast<double>(std::nextafter(size, kInfinity)) - size;
+    return static_cast<float>(from + steps * std::max(unit, least));
+}
+
+double square_height(const Point& a, const OppositeSide& side, const Double3& normal) {
+    double longest = 0;
+    for (const auto& [p, q] :
+         {std::pair{a, side[0]}, std::pair{a, side[1]}, std::pair{side[0], side[1]}}) {
+        double square = 0;
+        for (std::size_t i = 0; i < 3; ++i) {
+            const double d = static_cast<double>(q[i]) - static_cast<double>(p[i]);
+            square += d * d;
+        }
+        longest = std::max(longest, square);
+    }
+    return longest > 0 ? dot(normal, normal) / longest : 0;
+}
+
+/// The effect of moving the vertex to `to`; nothing if no dimension is gained, or a triangle loses
+/// one. `missing`, `facing`: of the triangles before.
+std::optional<Nudge> tried(const Point& to, std::span<const OppositeSide> around,
+                           const std::vector<int>& missing, const std::vector<Double3>& facing) {
+    Nudge next{to, 0, 0, std::numeric_limits<double>::infinity()};
+    for (std::size_t i = 0; i < around.size(); ++i) {
+        const int left = missing_dimensions(to, around[i][0], around[i][1]);
+        if (left > missing[i]) {
+            return {};
+        }
+        next.mended += missing[i] - left;
+        const Double3 normal = normal_of(to, around[i]);
+        next.turned += dot(normal, facing[i]) < 0 ? 1 : 0;
+        if (left == 0) {
+            next.square_height = std::min(next.square_height, square_height(to, around[i], normal));
+        }
+    }
+    return next.mended > 0 ? std::optional(next) : std::nullopt;
+}
+
+bool is_better(const Nudge& a, const Nudge& b) {
+    return a.turned != b.turned   ? a.turned < b.turned
+           : a.mended != b.mended ? a.mended > b.mended
+                                  : a.square_height > b.square_height;
+}
+
+}  // namespace
+
+int missing_dimensions(const Point& a, const Point& b, const Point& c) {
+    return !has_no_area(a, b, c) ? 0 : a == b && b == c ? 2 : 1;
+}
+
+std::optional<Nudge> nudged(const Point& vertex, std::span<const OppositeSide> around,
+                            const NudgeRange& range, int steps, NudgeFreedom freedom) {
+    const std::vector<Double3> facing = facings(vertex, around);
+    std::vector<int> missing(around.size());
+    std::transform(around.begin(), around.end(), missing.begin(), [&](const OppositeSide& side) {
+        return missing_dimensions(vertex, side[0], side[1]);
+    });
+    std::array<std::vector<float>, 3> places;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const float at = vertex[axis];
+        const bool on_face = at == range.lo[axis] || at == range.hi[axis];
+        for (int s = -steps; s <= steps; ++s) {
+            float to = stepped(at, range.min_step[axis], s);
+            if (freedom == NudgeFreedom::stay_on_faces && on_face) {
+                to = at;
+            } else if (freedom != NudgeFreedom::anywhere) {
+                to = std::clamp(to, range.lo[axis], range.hi[axis]);
+            }
+            places[axis].push_back(to);
+        }
+    }
+    std::optional<Nudge> best;
+    const auto count = static_cast<std::size_t>(2 * steps + 1);
+    const auto is_end = [&](std::size_t i) { return i == 0 || i + 1 == count; };
+    for (std::size_t z = 0; z < count; ++z) {
+        for (std::size_t y = 0; y < count; ++y) {
+            for (std::size_t x = 0; x < count; ++x) {
+                if (!is_end(x) && !is_end(y) && !is_end(z)) {
+                    continue;
+                }
+                const std::optional<Nudge> next =
+                    tried({places[0][x], places[1][y], places[2][z]}, around, missing, facing);
+                if (next && (!best || is_better(*next, *best))) {
+                    best = next;
+                }
+            }
+        }
+    }
+    return best;
+}
+
+namespace {
+
 constexpr std::uint64_t kNone = ScratchMesh::kNoVertex;
 constexpr std::uint64_t kCheckEvery = std::uint64_t{1} << 13U;
 
-/// Where a vertex was before it was moved.
+/// The position of a vertex before it was moved.
 struct Start {
     Point position;
     std::uint32_t was_moved;
 };
 
-/// Vertices with more triangles are left as they are: what is looked at stays small.
-constexpr std::size_t kMostAround = std::size_t{1} << 12U;
-constexpr int kMostSteps = 4;  ///< of a move, along an axis
+/// Vertices with more triangles are not changed, which limits the work per vertex.
+constexpr std::size_t kMaxAround = std::size_t{1} << 12U;
+constexpr int kMaxSteps = 4;  ///< maximum length of a move, along an axis
 
-/// Triangles that wait, each once, first in first out.
+/// A queue of triangles, each at most once, first in first out.
 class Waiting {
   public:
     Waiting(std::uint64_t triangles, const ScratchFolder& folder) : file_(folder) {
@@ -62,7 +189,7 @@ class Waiting {
     }
 
   private:
-    static constexpr std::uint64_t kLast = 1;   ///< 0: does not wait
+    static constexpr std::uint64_t kLast = 1;   ///< 0: not in the queue
     static constexpr std::uint64_t kFirst = 2;  ///< stands for triangle 0
     ScratchFile file_;
     std::span<std::uint64_t> next_;
@@ -70,7 +197,7 @@ class Waiting {
     std::uint64_t last_ = 0;
 };
 
-/// Corners of triangles in memory, as CornerFile has them.
+/// Corners of triangles in memory, with the interface of CornerFile.
 class CornersInMemory {
   public:
     explicit CornersInMemory(std::span<std::array<std::uint32_t, 3>> triangles)
@@ -150,21 +277,21 @@ class Mender {
         each([&](std::uint64_t t) { result_.left += lacks_area(t) ? 1 : 0; });
         return result_;
     }
-    /// Vertices that were moved, some several times.
+    /// Vertices that were moved; some occur several times.
     [[nodiscard]] const std::vector<std::uint64_t>& moved() const { return moved_; }
 
   private:
-    /// Suspects are kept where at most one in so many triangles is one: what is kept in memory
-    /// stays small beside the mesh.
+    /// Suspects are recorded if at most one in this many triangles is one: the record stays small
+    /// compared to the mesh.
     static constexpr std::uint64_t kFew = 1024;
 
-    /// From now on `t` may lack area, or gain it.
+    /// Records that `t` may lack area, or gain it.
     void suspect(std::uint64_t t) {
         if (suspects_) {
             suspects_->insert(t);
         }
     }
-    /// Calls work(t), from any thread, for the triangles of which is_one(t) holds.
+    /// Calls work(t), from any thread, for the triangles with is_one(t).
     template <class IsOne, class Work>
     void each_at_once(const IsOne& is_one, const Work& work) const {
         constexpr std::uint64_t kAtOnce = std::uint64_t{1} << 16U;
@@ -180,7 +307,7 @@ class Mender {
                               }
                           });
     }
-    /// The same in ascending order, from this thread; is_one() is asked before any work.
+    /// The same in ascending order, from this thread; all is_one() calls come before any work.
     template <class IsOne, class Work>
     void in_order(const IsOne& is_one, const Work& work) {
         if (!suspects_) {
@@ -201,7 +328,7 @@ class Mender {
         std::for_each(found.begin(), found.end(), work);
         progress_.advance(corners_.size());
     }
-    /// All that may lack area; work() may make further ones suspects.
+    /// Processes all triangles that may lack area; work() may add suspects.
     template <class Work>
     void each(const Work& work) {
         if (suspects_) {
@@ -230,15 +357,15 @@ class Mender {
     [[nodiscard]] bool has(std::uint64_t t, std::uint64_t v) const {
         return corners_.at(t, 0) == v || corners_.at(t, 1) == v || corners_.at(t, 2) == v;
     }
-    /// The corner's vertex, and those after it in its triangle.
+    /// The vertex at the corner, or at a following corner of its triangle.
     [[nodiscard]] std::uint64_t vertex_of(std::uint64_t corner, std::uint64_t after = 0) const {
         return corners_.at(corner / 3, (corner % 3 + after) % 3);
     }
 
-    /// False if it is none of one ring.
+    /// Returns false if the link is not a single ring.
     bool link_of(std::uint64_t v, LinkEdges& link) {
         stars_.corners_of(v, around_);
-        if (around_.size() > kMostAround) {
+        if (around_.size() > kMaxAround) {
             return false;
         }
         link.clear();
@@ -253,7 +380,7 @@ class Mender {
             waiting_.push(t);
         }
     }
-    /// What changed at a vertex may let another triangle be mended.
+    /// Requeues triangles around a changed vertex, because they may now be repairable.
     void look_again_around(std::uint64_t v) {
         if (!stars_.is_marked(v)) {
             return;
@@ -279,7 +406,7 @@ class Mender {
         stars_.add(corner, to);
     }
 
-    /// Those that wait, without moves. Returns how often that worked.
+    /// Processes the queue, without moving vertices. Returns the number of successes.
     std::uint64_t mend_in_place() {
         std::uint64_t mended = 0;
         while (!waiting_.empty()) {
@@ -349,7 +476,7 @@ class Mender {
         return 3 * t + static_cast<std::uint64_t>(longest - side.begin());
     }
 
-    /// Also if the longest side was a border and the triangle is gone.
+    /// Also true if the longest side was a border and the triangle was removed.
     bool flipped(std::uint64_t t) {
         const std::uint64_t corner = middle_of(t);
         if (corner == kNone) {
@@ -359,7 +486,7 @@ class Mender {
         const std::uint64_t a = vertex_of(corner, 1);
         const std::uint64_t b = vertex_of(corner, 2);
         stars_.corners_of(a, around_);
-        std::uint64_t across = kNone;  // the neighbour's corner opposite to the side
+        std::uint64_t across = kNone;  // the neighbour's corner opposite the side
         std::size_t at_side = 0;
         for (const std::uint64_t at_a : around_) {
             at_side += has(at_a / 3, b) ? 1 : 0;
@@ -397,13 +524,13 @@ class Mender {
         return true;
     }
 
-    /// Moves that corner of `t`, by as few steps, that turns fewest triangles.
+    /// Moves the corner of `t` that turns the fewest triangles, by as few steps as possible.
     bool move_one_of(std::uint64_t t) {
         for (const NudgeFreedom freedom :
              {NudgeFreedom::stay_on_faces, NudgeFreedom::stay_in_box, NudgeFreedom::anywhere}) {
             std::optional<Nudge> best;
             std::uint64_t moved = kNone;
-            for (int steps = 1; steps <= kMostSteps && (!best || best->turned > 0); ++steps) {
+            for (int steps = 1; steps <= kMaxSteps && (!best || best->turned > 0); ++steps) {
                 for (const std::uint64_t v : corners_[t]) {
                     const std::optional<Nudge> next = nudge_of(v, steps, freedom);
                     if (next && (!best || next->turned < best->turned)) {
@@ -422,7 +549,7 @@ class Mender {
 
     std::optional<Nudge> nudge_of(std::uint64_t v, int steps, NudgeFreedom freedom) {
         stars_.corners_of(v, around_);
-        if (around_.size() > kMostAround) {
+        if (around_.size() > kMaxAround) {
             return {};
         }
         std::vector<OppositeSide> sides;
@@ -462,7 +589,7 @@ class Mender {
     LinkEdges link_;
     LinkEdges other_link_;
     std::vector<std::uint64_t> around_;
-    std::optional<std::set<std::uint64_t>> suspects_;  ///< none: all triangles
+    std::optional<std::set<std::uint64_t>> suspects_;  ///< nothing: all triangles
     std::vector<std::uint64_t> moved_;
 };
 
@@ -473,12 +600,12 @@ void begin(Progress& progress, std::uint64_t triangles) {
 
 }  // namespace
 
-MendedTriangles mend_triangles(ScratchMesh& mesh, const Double3& least_step,
+MendedTriangles mend_triangles(ScratchMesh& mesh, const Double3& min_step,
                                const ScratchFolder& folder, Progress& progress) {
     begin(progress, mesh.layout().elements);
     const MendedTriangles result =
         Mender(mesh.changeable_positions(), mesh.changeable_corners(),
-               {least_step, mesh.layout().lo, mesh.layout().hi}, folder, progress)
+               {min_step, mesh.layout().lo, mesh.layout().hi}, folder, progress)
             .run();
     mesh.compact(folder, progress);
     return result;
@@ -487,12 +614,11 @@ MendedTriangles mend_triangles(ScratchMesh& mesh, const Double3& least_step,
 MendedTriangles mend_triangles(std::span<std::array<float, 3>> positions,
                                std::span<std::array<std::uint32_t, 3>> triangles,
                                const std::array<float, 3>& lo, const std::array<float, 3>& hi,
-                               const Double3& least_step,
-                               std::vector<std::uint32_t>& moved_vertices,
+                               const Double3& min_step, std::vector<std::uint32_t>& moved_vertices,
                                const ScratchFolder& folder, Progress& progress) {
     begin(progress, triangles.size());
     CornersInMemory corners(triangles);
-    Mender mender(positions, corners, NudgeRange{least_step, lo, hi}, folder, progress);
+    Mender mender(positions, corners, NudgeRange{min_step, lo, hi}, folder, progress);
     const MendedTriangles result = mender.run();
     moved_vertices.clear();
     for (const std::uint64_t v : mender.moved()) {

@@ -4,17 +4,17 @@
 #include <cmath>
 #include <cstring>
 
-#include "query/mesh/zero_area.h"
-#include "store/base/aligned.h"
-#include "store/base/unit_normal.h"
+#include "query/mesh/vertex_stars.h"
+#include "store/base/memory.h"
+#include "store/base/vectors.h"
 
 namespace isonest::detail {
 namespace {
 
 using Point = std::array<float, 3>;
 
-/// Where the pieces of a part begin, in bytes from its start: names, cuts, shared, vertices,
-/// triangles, those that may not be alone, end.
+/// The start of each piece of a part, in bytes from the part's start: names, cuts, shared,
+/// vertices, triangles, those that may share their place, end.
 struct Pieces {
     std::uint64_t cuts;
     std::uint64_t shared;
@@ -34,7 +34,7 @@ struct Pieces {
 };
 
 bool is_near_node(const Double3& p, double sight) {
-    constexpr double kToInteger = 0x1.8p52;  // added and taken away again, it rounds
+    constexpr double kToInteger = 0x1.8p52;  // adding and subtracting it rounds
     return std::all_of(p.begin(), p.end(), [sight](double x) {
         return std::fabs(x - ((x + kToInteger) - kToInteger)) <= sight;
     });
@@ -66,7 +66,7 @@ std::vector<std::uint32_t> not_alone_in(const MeshPart& part, const PlaceWatch& 
     return found;
 }
 
-/// Vertices whose normal, the first of `width` attributes, is 0.
+/// Number of vertices whose normal, the first of `width` attributes, is 0.
 std::uint32_t count_without_normal(std::span<const std::uint32_t> attributes, std::size_t width) {
     std::uint32_t count = 0;
     for (std::size_t at = 0; at < attributes.size(); at += width) {
@@ -77,16 +77,16 @@ std::uint32_t count_without_normal(std::span<const std::uint32_t> attributes, st
     return count;
 }
 
-/// What keeping a part costs beside its bytes.
+/// Overhead of a part in memory.
 constexpr std::uint64_t kKeptOverhead = 64;
 
 }  // namespace
 
-PartStore::PartStore(const ScratchFolder& folder, const Double3& spacing, const Double3& origin,
+PartStore::PartStore(const ScratchFolder& folder, const LatticeSteps& steps, const Double3& origin,
                      std::uint64_t memory, std::size_t attributes)
     : file_(folder),
       record_file_(folder),
-      spacing_(spacing),
+      steps_(steps),
       origin_(origin),
       memory_(memory),
       attributes_(attributes) {}
@@ -122,9 +122,9 @@ void PartStore::append(std::uint64_t order, const MeshPart& part) {
     Point hi = MeshLayout::kEmptyHi;
     std::copy(part.world.begin(), part.world.end(), world);
     for (std::size_t i = 0; i < part.positions.size(); ++i) {
+        const Double3 way = steps_.vector(part.positions[i]);
         for (std::size_t axis = 0; axis < 3; ++axis) {
-            world[i][axis] =
-                static_cast<float>(origin_[axis] + spacing_[axis] * part.positions[i][axis]);
+            world[i][axis] = static_cast<float>(origin_[axis] + way[axis]);
         }
     }
     for (std::size_t i = 0; i < record.vertices; ++i) {
@@ -201,7 +201,7 @@ void PartStore::include(const PartTotals& other) {
     without_normal_ += other.without_normal;
     cut_fans_ += other.cut_fans;
     for (std::size_t axis = 0; axis < 3; ++axis) {
-        // Which of two zeros came first depends on the threads.
+        // The sign of zero would depend on the order of threads.
         lo_[axis] = std::min(lo_[axis], other.lo[axis]) + 0.0F;
         hi_[axis] = std::max(hi_[axis], other.hi[axis]) + 0.0F;
     }

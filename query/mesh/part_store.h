@@ -1,5 +1,5 @@
-// The parts of a mesh, until all are known and their vertices can be numbered: in memory as far as
-// that is allowed, then on disk.
+// Stores the parts of a mesh until all are known and their vertices can be numbered: in memory up
+// to a limit, then on disk.
 #pragma once
 
 #include <memory>
@@ -11,15 +11,15 @@
 
 #include "query/march/clip.h"
 #include "query/march/mesh_part.h"
-#include "store/files/pieced_file.h"
+#include "store/base/vectors.h"
 #include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
-/// Where one part lies.
+/// Location of one part.
 struct PartRecord {
-    std::uint64_t order = 0;   ///< parts in this order make the mesh, whatever made them
-    std::uint64_t offset = 0;  ///< bytes in the file, or number of the part in memory
+    std::uint64_t order = 0;   ///< sort key; parts in this order make the mesh, whatever made them
+    std::uint64_t offset = 0;  ///< bytes in the file, or index of the part in memory
     std::uint32_t in_memory = 0;
     std::uint32_t vertices = 0;
     std::uint32_t triangles = 0;
@@ -27,65 +27,65 @@ struct PartRecord {
     std::uint32_t names = 0;
     std::uint32_t cuts = 0;
     std::uint32_t not_alone = 0;
-    std::uint32_t without_normal = 0;  ///< vertices, if they are counted
-    std::uint32_t owned = 0;           ///< set by the weld: vertices not named by an earlier part
+    std::uint32_t without_normal = 0;  ///< number of vertices, if counted
+    std::uint32_t owned = 0;           ///< set by the weld: vertices not used by an earlier part
     std::uint64_t first_vertex = 0;    ///< set by the weld: number of the first owned vertex
     std::uint64_t first_triangle = 0;
     std::uint64_t first_shared = 0;
-    std::uint64_t first_not_alone = 0;  ///< set by seal(): those of the parts before
+    std::uint64_t first_not_alone = 0;  ///< set by seal(): count in the parts before
 };
 
-/// Which vertices may share their place with another one, by where they are in the lattice.
+/// Selects vertices that may be at the same place as another one, by their position in the lattice.
 struct PlaceWatch {
-    double sight = 0;  ///< from nodes and from the box's faces, along the axes
+    double sight = 0;  ///< distance from nodes and from the box's faces, along the axes
     ClipBox box = {};
 };
 
-/// What is known of all parts of a store together.
+/// Totals of all parts of a store.
 struct PartTotals {
     std::uint64_t zero_area = 0;       ///< triangles
-    std::uint64_t without_normal = 0;  ///< vertices, if they are counted
-    std::uint64_t cut_fans = 0;        ///< of MeshPart
-    /// The smallest box that holds all vertices, world coordinates; lo > hi if there is none.
+    std::uint64_t without_normal = 0;  ///< number of vertices, if counted
+    std::uint64_t cut_fans = 0;        ///< see MeshPart
+    /// Bounding box of all vertices, world coordinates; lo > hi if there are none.
     std::array<float, 3> lo{};
     std::array<float, 3> hi{};
 };
 
-/// Thread-safety: append() and add() from any thread, put() of different parts, too; the rest from
-/// one, after the last append.
+/// Thread-safety: append() and add() from any thread, also put() of different parts; the rest from
+/// one thread, after the last append().
 class PartStore {
   public:
-    /// World coordinates are origin + spacing * position, as float32. Parts of up to `memory` bytes
-    /// in all stay in memory, the others go to a temporary file in `folder`. `attributes`: how
-    /// many words each vertex has.
-    PartStore(const ScratchFolder& folder, const Double3& spacing, const Double3& origin,
+    /// World coordinates are origin + steps.vector(position), as float32. Parts stay in memory up
+    /// to a total of `memory` bytes; the others go to a temporary file in `folder`. `attributes`:
+    /// number of words per vertex.
+    PartStore(const ScratchFolder& folder, const LatticeSteps& steps, const Double3& origin,
               std::uint64_t memory, std::size_t attributes = 0);
 
-    /// From now on vertices are looked for that may share their place with another one. REQUIRES:
+    /// Enables the search for vertices that may be at the same place as another one. REQUIRES:
     /// nothing was appended.
     void watch(const PlaceWatch& places) { watch_ = places; }
-    /// From now on vertices are counted whose normal, the first of their attributes, is 0.
-    /// REQUIRES: nothing was appended.
+    /// Enables counting of vertices whose normal, the first of their attributes, is 0. REQUIRES:
+    /// nothing was appended.
     void count_normals() { counts_normals_ = true; }
     /// Throws Error{io}.
     void append(std::uint64_t order, const MeshPart& part);
-    /// A part that another store like this one has: `record` and what all_bytes() says there. put()
-    /// gives it its bytes afterwards, piece by piece. Returns the record here. Throws Error{io}.
+    /// Adds a part of another store of the same kind: `record` and the size of all_bytes() there.
+    /// put() then supplies its bytes, piece by piece. Returns the record here. Throws Error{io}.
     PartRecord add(const PartRecord& record);
-    /// `at`: of the first of `bytes` in the part. Throws Error{io}.
+    /// `at`: offset of `bytes` in the part. Throws Error{io}.
     void put(const PartRecord& record, std::uint64_t at, std::span<const std::byte> bytes);
-    /// What is said of all parts of another store.
+    /// Adds the totals of another store.
     void include(const PartTotals& other);
-    /// Ends the appending: maps everything and sorts the records.
+    /// Ends appending: maps everything and sorts the records.
     void seal();
 
     [[nodiscard]] std::span<PartRecord> records() const { return records_; }
     [[nodiscard]] std::span<const std::array<float, 3>> vertices(const PartRecord& r) const;
-    /// For whoever moves vertices: every part has its own copy of one. The box stays as it is.
+    /// For moving vertices: every part has its own copy of a vertex. The box is not updated.
     [[nodiscard]] std::span<std::array<float, 3>> changeable_vertices(const PartRecord& r);
     /// attributes_per_vertex() words for each vertex.
     [[nodiscard]] std::span<const std::uint32_t> attributes(const PartRecord& r) const;
-    /// For whoever changes normals: every part has its own copy of a vertex.
+    /// For changing normals: every part has its own copy of a vertex.
     [[nodiscard]] std::span<std::uint32_t> changeable_attributes(const PartRecord& r);
     [[nodiscard]] std::size_t attributes_per_vertex() const { return attributes_; }
     [[nodiscard]] std::span<const std::array<std::uint32_t, 3>> triangles(
@@ -93,16 +93,16 @@ class PartStore {
     [[nodiscard]] std::span<const MeshPart::Shared> shared(const PartRecord& r) const;
     [[nodiscard]] std::span<const MeshPart::Name> names(const PartRecord& r) const;
     [[nodiscard]] std::span<const MeshPart::Cut> cuts(const PartRecord& r) const;
-    /// Vertices, ascending, that may share their place with another one of any part. Others are
-    /// alone. REQUIRES: watch() was called.
+    /// Vertices, ascending, that may be at the same place as another vertex of any part. All others
+    /// are at different places. REQUIRES: watch() was called.
     [[nodiscard]] std::span<const std::uint32_t> not_alone(const PartRecord& r) const;
-    /// Gives back what a part takes, of which nothing but the record is looked at any more. Of
+    /// Frees the space of a part; only its record may be used afterwards. May be called for
     /// different parts from any thread.
     void release(const PartRecord& r);
-    /// Of a part: names, vertices, triangles and all else, as it lies in the store.
+    /// All data of a part (names, vertices, triangles and the rest), as stored.
     [[nodiscard]] std::span<const std::byte> all_bytes(const PartRecord& r) const;
     [[nodiscard]] std::uint64_t count_bytes(const PartRecord& r) const;
-    /// Of all parts together.
+    /// Size of all parts together.
     [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
     [[nodiscard]] PartTotals totals() const {
         return {zero_area_, without_normal_, cut_fans_, lo_, hi_};
@@ -112,7 +112,7 @@ class PartStore {
     [[nodiscard]] std::uint64_t cut_fans() const { return cut_fans_; }
     /// Whether vertices or triangles change before vertices are kept apart.
     [[nodiscard]] bool is_to_be_mended() const { return zero_area_ > 0 || cut_fans_ > 0; }
-    /// The smallest box that holds all vertices, world coordinates; lo > hi if there is none.
+    /// Bounding box of all vertices, world coordinates; lo > hi if there are none.
     [[nodiscard]] const std::array<float, 3>& lo() const { return lo_; }
     [[nodiscard]] const std::array<float, 3>& hi() const { return hi_; }
 
@@ -123,13 +123,13 @@ class PartStore {
             r.in_memory != 0 ? kept_[r.offset].get() : data_.data() + r.offset;
         return {reinterpret_cast<const T*>(part + offset), count};
     }
-    /// Room for a part of so many bytes: in memory as far as that goes. Returns its number.
+    /// Reserves space for a part: in memory as far as possible. Returns its number.
     std::uint64_t reserve(PartRecord& record, std::uint64_t bytes);
     void keep(const PartRecord& record, std::unique_ptr<std::byte[]> bytes);
     void write_record(std::uint64_t number, const PartRecord& record);
     PiecedFile file_;
     ScratchFile record_file_;
-    Double3 spacing_;
+    LatticeSteps steps_;
     Double3 origin_;
     std::uint64_t memory_;
     std::size_t attributes_;

@@ -9,8 +9,8 @@
 #include <limits>
 #include <vector>
 
-#include "query/mesh/zero_area.h"
-#include "store/base/mixed_hash.h"
+#include "query/mesh/vertex_stars.h"
+#include "store/base/box.h"
 
 namespace isonest::detail {
 namespace {
@@ -19,7 +19,7 @@ using Point = std::array<float, 3>;
 constexpr std::uint64_t kNoNumber = std::numeric_limits<std::uint64_t>::max();
 constexpr std::size_t kBatch = std::size_t{1} << 13U;
 
-/// The vertices that elements name, in the order of their first naming.
+/// The vertices used by elements, in the order of their first use.
 class UsedVertices {
   public:
     UsedVertices(const ScratchMesh& mesh, const CornerView& elements, const ScratchFolder& folder,
@@ -50,12 +50,12 @@ class UsedVertices {
     }
 
   private:
-    ScratchFile number_file_;  ///< from 1 on; 0 = not named
+    ScratchFile number_file_;  ///< counted from 1; 0 = unused
     ScratchFile vertex_file_;
     std::uint64_t count_ = 0;
 };
 
-/// Copies of vertices, one after the other.
+/// Copies of vertices, one after another.
 struct Copies {
     std::vector<Point> positions;
     std::vector<std::byte> rows;
@@ -74,8 +74,8 @@ struct Copies {
     }
 };
 
-/// Calls work(at, count) for batches of `size` rows: in order, or from all threads if the sink
-/// takes them so. `make()`: such a `work`, for some batches of one thread.
+/// Calls work(at, count) for batches of `size` rows: in order, or from all threads if the sink is
+/// concurrent. `make()` creates such a `work` for some batches of one thread.
 template <class Make>
 void each_batch(std::size_t size, const MeshSink& sink, Progress& progress, const Make& make) {
     const auto some = [&](std::size_t first, std::size_t last) {
@@ -109,7 +109,7 @@ void emit_vertices(const ScratchMesh& mesh, const UsedVertices& used, MeshSink& 
     });
 }
 
-/// Batches of elements for a sink. `number_of(vertex)`: under which number the sink has it.
+/// Batches of elements for a sink. `number_of(vertex)`: the vertex's number in the sink.
 template <class NumberOf>
 class ElementBatches {
   public:

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <isonest/error.h>
@@ -10,10 +11,10 @@
 namespace isonest::detail {
 namespace {
 
-/// `c`: strips from the cell's beginning.
+/// `c`: in strips, relative to the cell's start.
 std::uint16_t rounded_in_cell(double c, int strips) {
-    constexpr double kMost = kMostInCell;
-    return static_cast<std::uint16_t>(std::clamp(std::round(c / strips * kMost), 0.0, kMost));
+    constexpr double kMax = kMaxInCell;
+    return static_cast<std::uint16_t>(std::clamp(std::round(c / strips * kMax), 0.0, kMax));
 }
 
 }  // namespace
@@ -21,14 +22,24 @@ std::uint16_t rounded_in_cell(double c, int strips) {
 void CutMesh::begin(const MeshLayout& layout) {
     Int3 cells{1, 1, 1};
     if (layout.vertices > 0) {
-        const Double3 most = grid_.strips_of(layout.hi);
+        Double3 most{};
+        for (unsigned corner = 0; corner < 8; ++corner) {
+            std::array<float, 3> p = layout.lo;
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                p[axis] = (corner >> axis & 1U) != 0 ? layout.hi[axis] : p[axis];
+            }
+            const Double3 strips = grid_.strips_of(p);
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                most[axis] = std::max(most[axis], strips[axis]);
+            }
+        }
         for (int axis = 0; axis < 3; ++axis) {
             const auto strip = static_cast<std::int64_t>(most[static_cast<std::size_t>(axis)]);
             cells[axis] = strip / grid_.strips() + 1;
         }
     }
     order_ = ZOrderedCells(cells);
-    if (order_.bits() > ZOrderedCells::kMostBits) {
+    if (order_.bits() > ZOrderedCells::kMaxBits) {
         throw Error(ErrorKind::limit,
                     fmt::format("a mesh of {} x {} x {} cells is too large for Neuroglancer's "
                                 "format, as it is written here",
@@ -52,7 +63,7 @@ void CutMesh::add(const Int3& strip, const CutPolygon& polygon) {
     for (int axis = 0; axis < 3; ++axis) {
         cell[axis] = strip[axis] / strips;
     }
-    std::array<CellPoint, CutPolygon::kMost> points{};
+    std::array<CellPoint, CutPolygon::kMax> points{};
     for (std::size_t i = 0; i < polygon.size(); ++i) {
         for (std::size_t axis = 0; axis < 3; ++axis) {
             const auto from = static_cast<double>(cell[static_cast<int>(axis)] * strips);

@@ -17,8 +17,8 @@
 namespace isonest::detail {
 
 std::uint32_t eighths_of(std::span<const CellTriangle> triangles) {
-    // Where Neuroglancer has the middle plane.
-    constexpr std::uint16_t kMiddle = kMostInCell / 2 + 1;
+    // Neuroglancer's middle plane.
+    constexpr std::uint16_t kMiddle = kMaxInCell / 2 + 1;
     constexpr std::array<std::uint32_t, 3> kBelow{0x55, 0x33, 0x0F};
     std::uint32_t eighths = 0;
     for (const CellTriangle& triangle : triangles) {
@@ -39,12 +39,12 @@ std::uint32_t eighths_of(std::span<const CellTriangle> triangles) {
 
 namespace {
 
-/// In an order of its own.
+/// A sort key.
 std::uint64_t key_of(const CellPoint& p) {
     return std::uint64_t{p[2]} << 32U | std::uint64_t{p[1]} << 16U | p[0];
 }
 
-/// Distinct places, ascending.
+/// Distinct positions, ascending.
 std::vector<std::uint64_t> places_of(std::span<const CellTriangle> triangles) {
     std::vector<std::uint64_t> keys;
     keys.reserve(3 * triangles.size());
@@ -84,9 +84,9 @@ void fill(draco::Mesh& mesh, std::span<const CellTriangle> triangles) {
     }
 }
 
-/// Empty if it cannot be.
+/// Empty if encoding fails.
 std::vector<std::byte> packed(const draco::Mesh& mesh, draco::MeshEncoderMethod method) {
-    // A twentieth more than the smallest bytes, in half of the time.
+    // 5 % larger than the smallest size, in half the time.
     constexpr int kSpeed = 3;
     draco::Encoder encoder;
     encoder.SetEncodingMethod(method);
@@ -106,7 +106,7 @@ bool has_draco() {
 }
 
 std::vector<std::byte> encode_fragment(std::span<const CellTriangle> triangles) {
-    if (triangles.size() > kMostInFragment) {
+    if (triangles.size() > kMaxInFragment) {
         throw Error(ErrorKind::limit,
                     fmt::format("{} triangles in one cell are too many", triangles.size()));
     }

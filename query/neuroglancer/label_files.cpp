@@ -1,4 +1,5 @@
 // https://github.com/google/neuroglancer/blob/master/src/datasource/precomputed/meshes.md
+
 #include "query/neuroglancer/label_files.h"
 
 #include <fmt/format.h>
@@ -9,13 +10,91 @@
 
 #include <isonest/error.h>
 
+#include "query/neuroglancer/cut_mesh.h"
 #include "query/neuroglancer/encode_fragment.h"
-#include "store/files/appended_file.h"
+#include "store/files/output_file.h"
 
 namespace isonest::detail {
+
+/// Both lists are sorted. If two nodes are at the same position, the one with a fragment is kept.
+DetailNodes::List DetailNodes::merged(std::span<const DetailNode> a,
+                                      std::span<const DetailNode> b) const {
+    auto all = std::make_unique<GrowingFile<DetailNode>>(folder_);
+    std::size_t i = 0;
+    std::size_t j = 0;
+    while (i < a.size() || j < b.size()) {
+        if (j == b.size()) {
+            all->append(a[i++]);
+        } else if (i == a.size()) {
+            all->append(b[j++]);
+        } else if (a[i].cell == b[j].cell) {
+            all->append(a[i].bytes > 0 ? a[i] : b[j]);
+            ++i;
+            ++j;
+        } else {
+            all->append(z_order(a[i].cell) < z_order(b[j].cell) ? a[i++] : b[j++]);
+        }
+    }
+    all->seal();
+    return all;
+}
+
+/// The children in which the nodes have triangles.
+DetailNodes::List DetailNodes::children_of(std::span<const DetailNode> nodes) const {
+    auto children = std::make_unique<GrowingFile<DetailNode>>(folder_);
+    for (const DetailNode& node : nodes) {
+        for (unsigned eighth = 0; eighth < 8; ++eighth) {
+            if ((node.eighths >> eighth & 1U) != 0) {
+                const Int3 place{eighth & 1U, eighth >> 1U & 1U, eighth >> 2U & 1U};
+                children->append({node.cell * 2 + place, 0, 0});
+            }
+        }
+    }
+    children->seal();
+    return children;
+}
+
+DetailNodes::List DetailNodes::parents_of(std::span<const DetailNode> nodes) const {
+    auto parents = std::make_unique<GrowingFile<DetailNode>>(folder_);
+    Int3 last{-1, -1, -1};
+    for (const DetailNode& node : nodes) {
+        const Int3 parent{node.cell.x / 2, node.cell.y / 2, node.cell.z / 2};
+        if (parent != last) {
+            parents->append({parent, 0, 0});
+            last = parent;
+        }
+    }
+    parents->seal();
+    return parents;
+}
+
+void DetailNodes::finish() {
+    for (const List& level : levels_) {
+        level->seal();
+    }
+    // Children come only from nodes with fragments: added nodes have none.
+    std::vector<List> children;
+    for (std::size_t i = 1; i < levels(); ++i) {
+        children.push_back(children_of(of(i)));
+    }
+    for (std::size_t i = 0; i < children.size(); ++i) {
+        levels_[i] = merged(of(i), children[i]->all());
+    }
+    for (std::size_t i = 1; i < levels(); ++i) {
+        levels_[i] = merged(of(i), parents_of(of(i - 1))->all());
+    }
+    // A tree needs a node, even for a mesh without triangles.
+    if (!levels_.empty() && of(0).empty() && levels() == 1) {
+        auto root = std::make_unique<GrowingFile<DetailNode>>(folder_);
+        root->append({});
+        root->seal();
+        levels_[0] = std::move(root);
+    }
+}
+
 namespace {
 
-/// Numbers of the index, as they are stored.
+/// Writes the numbers of the index.
 class IndexOutput : public AppendedFile {
   public:
     using AppendedFile::AppendedFile;
@@ -31,7 +110,7 @@ void write_whole(const std::filesystem::path& path, const std::string& text) {
     file.publish_as_named();
 }
 
-/// In JSON. `text`: UTF-8 without control characters.
+/// As a JSON string. `text`: UTF-8 without control characters.
 std::string quoted(const std::string& text) {
     std::string out = "\"";
     for (const char c : text) {
@@ -121,7 +200,7 @@ void write_mesh_info(const std::filesystem::path& folder, const StoreHeader& hea
         transform +=
             fmt::format("{}{}", (header.origin[row] + shift[row]) * unit, row < 2 ? ", " : "");
     }
-    // Of a scale of 1, so that a level is drawn where a pixel is as large as its distance.
+    // A scale of 1: a level is drawn when a pixel is as large as its distance.
     write_whole(folder / "info",
                 fmt::format("{{\"@type\": \"neuroglancer_multilod_draco\", "
                             "\"vertex_quantization_bits\": {}, \"transform\": [{}], "
@@ -143,7 +222,8 @@ void write_segment_properties(const std::filesystem::path& folder,
     std::error_code error;
     std::filesystem::create_directory(place, error);
     if (std::error_code ignored; !std::filesystem::is_directory(place, ignored)) {
-        throw Error(ErrorKind::io, {place.string()}, "cannot be made a folder: " + error.message());
+        throw Error(ErrorKind::io, {place.string()},
+                    "cannot create the folder: " + error.message());
     }
     write_whole(place / "info",
                 fmt::format("{{\"@type\": \"neuroglancer_segment_properties\", \"inline\": "

@@ -1,7 +1,6 @@
 #include "query/ranks/cube_shares.h"
 
 #include <algorithm>
-#include <bit>
 #include <cstring>
 #include <numeric>
 #include <string>
@@ -10,21 +9,17 @@
 #include <isonest/error.h>
 
 #include "query/march/clip.h"
-#include "query/traverse/bricks/surface_cubes.h"
-#include "query/view/morton.h"
-#include "query/view/topology.h"
+#include "query/traverse/bricks/finest_brick.h"
+#include "query/values/blocks.h"
+#include "query/values/topology.h"
 
 namespace isonest::detail {
 namespace {
 
 constexpr Int3 kOne{1, 1, 1};
-constexpr std::int64_t kMostGroups = 1 << 16;
-// The counts of one rank, which may be all, are one message.
-static_assert(kMostGroups * sizeof(std::uint64_t) <= Communicator::kMostBytes);
-
-int chunk_level(const StoreLayout& layout) {
-    return std::countr_zero(static_cast<std::uint64_t>(layout.header().chunk));
-}
+constexpr std::int64_t kMaxGroups = 1 << 16;
+// The counts of one rank, possibly all counts, are one message.
+static_assert(kMaxGroups * sizeof(std::uint64_t) <= Communicator::kMaxBytes);
 
 /// Cubes of one level that cover the volume, in Morton order.
 struct Groups {
@@ -37,7 +32,7 @@ struct Groups {
         const auto count_at = [&](int of_level) {
             return ceil_div(cells, kOne * (std::int64_t{1} << of_level));
         };
-        while (count_at(level).product() > kMostGroups) {
+        while (count_at(level).product() > kMaxGroups) {
             ++level;
         }
         const Int3 count = count_at(level);
@@ -53,7 +48,7 @@ struct Groups {
     }
 };
 
-/// Counts the cubes of 8^3 cells that may have something to be marched.
+/// Counts the cubes of 8^3 cells that may contain something to march.
 class CubeCounts {
   public:
     CubeCounts(const ChunkSource& source, const TraversalQuery& query,
@@ -64,7 +59,7 @@ class CubeCounts {
           isovalues_(isovalues),
           cells_(max(layout_.header().nodes - kOne, kOne)) {}
 
-    /// Those in the cube of `size`^3 cells from `low` on.
+    /// The number of those in the cube of `size`^3 cells starting at `low`.
     [[nodiscard]] std::uint64_t count(const Int3& low, std::int64_t size) const {
         const std::int64_t chunk = layout_.header().chunk;
         const Int3 first = floor_by(low, chunk);
@@ -160,7 +155,7 @@ Numbers numbers_of(const std::string& text) {
     return numbers;
 }
 
-/// Rank 0 gets the counts of all groups, each counted by one rank.
+/// Collects the counts of all groups on rank 0; each group is counted by one rank.
 Numbers all_counts(Communicator& ranks, const Groups& groups, const CubeCounts& cubes) {
     const auto border = [&](int rank) {
         return groups.codes.size() * static_cast<std::size_t>(rank) /
@@ -177,8 +172,8 @@ Numbers all_counts(Communicator& ranks, const Groups& groups, const CubeCounts& 
     return numbers_of(text);
 }
 
-/// Where the shares of so many ranks begin, and the end. A group goes where its middle lies among
-/// all cubes that were counted.
+/// The starts of the shares of so many ranks, and the end. A group belongs to the share that
+/// contains its middle, by the number of counted cubes.
 Numbers borders_of(const Groups& groups, const Numbers& counts, std::uint64_t ranks) {
     Numbers borders(ranks + 1, CubeShare::kEnd);
     const std::uint64_t all = std::accumulate(counts.begin(), counts.end(), std::uint64_t{0});

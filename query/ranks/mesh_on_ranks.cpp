@@ -1,21 +1,189 @@
 #include "query/ranks/mesh_on_ranks.h"
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstddef>
+#include <cstring>
 #include <span>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
-#include "query/formats/mesh_sections.h"
-#include "query/mesh/emit_mesh.h"
-#include "query/ranks/mapping_step.h"
+#include "query/formats/mesh_files.h"
+#include "query/mesh/weld.h"
 #include "query/ranks/rank_apart.h"
+#include "query/ranks/rank_mapping.h"
 #include "query/ranks/rank_weld.h"
 
 namespace isonest::detail {
+
+// A rank's parts are a sequence of records, each followed by its part's bytes, divided into
+// messages. A record is always within one message.
+
+namespace {
+
+/// Sent before the parts.
+struct Announcement {
+    std::uint64_t messages = 0;
+    PartTotals totals;
+};
+static_assert(std::is_trivially_copyable_v<Announcement> &&
+              std::is_trivially_copyable_v<PartRecord>);
+
+/// Creates a rank's messages one after another.
+class PartSender {
+  public:
+    explicit PartSender(PartStore& parts) : parts_(parts) {}
+
+    /// Total number of messages.
+    [[nodiscard]] std::uint64_t count() const {
+        std::uint64_t messages = 0;
+        std::size_t room = 0;
+        for (const PartRecord& r : parts_.records()) {
+            if (room < sizeof(PartRecord)) {
+                ++messages;
+                room = Communicator::kMaxBytes;
+            }
+            room -= sizeof(PartRecord);
+            std::uint64_t left = parts_.count_bytes(r);
+            while (left > 0) {
+                if (room == 0) {
+                    ++messages;
+                    room = Communicator::kMaxBytes;
+                }
+                const auto here = std::min<std::uint64_t>(left, room);
+                room -= here;
+                left -= here;
+            }
+        }
+        return messages;
+    }
+
+    bool next(Communicator::Message& message) {
+        message.to = 0;
+        message.bytes.clear();
+        const auto records = parts_.records();
+        while (record_ < records.size()) {
+            const PartRecord& r = records[record_];
+            if (!is_begun_) {
+                if (room(message) < sizeof(PartRecord)) {
+                    return true;
+                }
+                put(message, std::as_bytes(std::span(&r, 1)));
+                is_begun_ = true;
+                at_ = 0;
+            }
+            const auto bytes = parts_.all_bytes(r);
+            const std::size_t here = std::min(bytes.size() - at_, room(message));
+            put(message, bytes.subspan(at_, here));
+            at_ += here;
+            if (at_ < bytes.size()) {
+                return true;
+            }
+            parts_.release(r);
+            is_begun_ = false;
+            ++record_;
+        }
+        return !message.bytes.empty();
+    }
+
+  private:
+    static std::size_t room(const Communicator::Message& message) {
+        return Communicator::kMaxBytes - message.bytes.size();
+    }
+    static void put(Communicator::Message& message, std::span<const std::byte> bytes) {
+        message.bytes.insert(message.bytes.end(), bytes.begin(), bytes.end());
+    }
+
+    PartStore& parts_;
+    std::size_t record_ = 0;
+    std::size_t at_ = 0;  ///< in the bytes of the part whose record was already put into a message
+    bool is_begun_ = false;
+};
+
+/// Stores the messages of one rank.
+class PartReceiver {
+  public:
+    void take(PartStore& parts, std::span<const std::byte> bytes) {
+        while (!bytes.empty()) {
+            if (at_ == end_) {
+                PartRecord record;
+                std::memcpy(&record, bytes.data(), sizeof(record));
+                bytes = bytes.subspan(sizeof(record));
+                at_ = 0;
+                end_ = parts.count_bytes(record);
+                record_ = parts.add(record);
+            }
+            const auto here = std::min<std::uint64_t>(end_ - at_, bytes.size());
+            parts.put(record_, at_, bytes.first(here));
+            bytes = bytes.subspan(here);
+            at_ += here;
+        }
+    }
+
+  private:
+    PartRecord record_;
+    std::uint64_t at_ = 0;
+    std::uint64_t end_ = 0;
+};
+
+void send(Communicator& ranks, PartSender& sender) {
+    ranks.exchange([&](Communicator::Message& message) { return sender.next(message); }, 0,
+                   [](int, std::span<const std::byte>) {});
+}
+
+void receive(Communicator& ranks, std::uint64_t messages, PartStore& parts) {
+    std::vector<PartReceiver> receivers(static_cast<std::size_t>(ranks.size()));
+    ranks.exchange([](Communicator::Message&) { return false; }, messages,
+                   [&](int from, std::span<const std::byte> bytes) {
+                       receivers[static_cast<std::size_t>(from)].take(parts, bytes);
+                   });
+}
+
+/// On rank 0: includes the announcements of the others. Returns the number of messages with their
+/// parts.
+std::uint64_t hear_announcements(Communicator& ranks, PartStore& parts) {
+    std::uint64_t messages = 0;
+    const std::vector<std::string> all = ranks.gather({});
+    for (std::size_t rank = 1; rank < all.size(); ++rank) {
+        Announcement other;
+        std::memcpy(&other, all[rank].data(), sizeof(other));
+        parts.include(other.totals);
+        messages += other.messages;
+    }
+    return messages;
+}
+
+}  // namespace
+
+SettledParts settle_parts(Communicator& ranks, PartStore& parts,
+                          const std::function<bool()>& may_stay) {
+    const std::uint64_t own = parts.bytes();
+    constexpr std::string_view kStay = "stay";
+    if (ranks.rank() == 0) {
+        const std::uint64_t messages = hear_announcements(ranks, parts);
+        const bool stay = may_stay && may_stay();
+        ranks.broadcast(std::string(stay ? kStay : ""));
+        if (!stay) {
+            receive(ranks, messages, parts);
+        }
+        parts.seal();
+        return {own, stay};
+    }
+    parts.seal();
+    PartSender sender(parts);
+    const Announcement announcement{sender.count(), parts.totals()};
+    ranks.gather({reinterpret_cast<const char*>(&announcement), sizeof(announcement)});
+    const bool stay = ranks.broadcast({}) == kStay;
+    if (!stay) {
+        send(ranks, sender);
+    }
+    return {own, stay};
+}
+
 namespace {
 
 using Clock = std::chrono::steady_clock;
@@ -24,13 +192,13 @@ double seconds_since(Clock::time_point start) {
     return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
-/// Null if not all ranks can write it.
+/// Null if the file cannot be written by all ranks.
 SectionedFile* file_behind(MeshSink& sink) {
     auto* const measuring = dynamic_cast<MeasuringSink*>(&sink);
     return measuring == nullptr ? nullptr : dynamic_cast<SectionedFile*>(&measuring->inner());
 }
 
-/// Of the mesh, for the other ranks; what SectionedFile::share() says follows it.
+/// The layout for the other ranks, followed by the result of SectionedFile::share().
 struct SharedLayout {
     std::uint64_t vertices = 0;
     std::uint64_t elements = 0;
@@ -39,9 +207,9 @@ struct SharedLayout {
     bool measures_angles = false;
 };
 
-/// Adds what all ranks have measured to what rank 0 has, once their rows are on the disk, and
-/// completes what several of them have a part of. `loose_ends`: of another rank's rows. `file`: of
-/// rank 0, else null.
+/// Adds the measurements of all ranks to those of rank 0, once their rows are on disk, and
+/// completes data shared by several ranks. `loose_ends`: of another rank's rows. `file`: on rank 0,
+/// otherwise null.
 void gather_sums(Communicator& ranks, MeasuringSink& measuring, const std::string& loose_ends,
                  SectionedFile* file) {
     bool is_sent = ranks.rank() == 0;
@@ -66,7 +234,7 @@ void gather_sums(Communicator& ranks, MeasuringSink& measuring, const std::strin
         });
 }
 
-/// What all ranks do before the file.
+/// The work of all ranks before the file is written.
 class WeldedOnRanks {
   public:
     WeldedOnRanks(RankTeam& team, PartStore& parts, const std::optional<ApartRange>& range,
@@ -147,7 +315,7 @@ void help_with_mesh(RankTeam& team, PartStore& parts, const ScratchFolder& folde
     measuring.begin(layout);
     emit_own(team, parts, welded.weld(), measuring, progress);
     measuring.end();
-    // What is left is rank 0's; once it has this rank's sums, it publishes the mesh.
+    // The rest is done by rank 0; once it has this rank's sums, it publishes the mesh.
     team.ranks.ignore_stop(true);
     gather_sums(team.ranks, measuring, rows.loose_ends(), nullptr);
     team.work.writing_seconds += seconds_since(start);

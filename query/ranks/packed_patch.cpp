@@ -15,7 +15,7 @@ namespace {
 static_assert(sizeof(Displacement) == 28 && std::is_trivially_copyable_v<Displacement> &&
               std::is_trivially_copyable_v<PatchBox> && std::is_trivially_copyable_v<KeptNodes>);
 
-/// Vertices that 16 bits can tell apart.
+/// Maximum number of vertices for 16-bit numbers.
 constexpr std::uint64_t kNarrow = std::numeric_limits<std::uint16_t>::max() + std::uint64_t{1};
 
 class Packer {
@@ -39,7 +39,7 @@ class Packer {
                                      << (i % 8);
         }
     }
-    /// Numbers of vertices, of which there are `vertices`.
+    /// Writes vertex numbers; `vertices`: total number of vertices.
     template <class Numbers>
     void put_numbers(const Numbers& numbers, std::uint64_t vertices) {
         for (const std::uint32_t v : numbers) {
@@ -119,13 +119,13 @@ class Unpacker {
     std::span<const std::byte> bytes_;
 };
 
-/// In all bits: -0 is not.
+/// Compares all bits: -0 is not zero.
 bool is_zero(const Displacement& d) {
     using Bits = std::array<std::uint32_t, sizeof(Displacement) / sizeof(std::uint32_t)>;
     return std::bit_cast<Bits>(d) == Bits{};
 }
 
-/// Triangles with what is known of each. All displacements of a full surface are 0.
+/// Triangles with their data. All displacements of a full surface are 0.
 void put_triangles(Packer& packer, const MappedPatch& patch, std::uint64_t vertices) {
     std::vector<bool> moved(patch.triangles.size());
     for (std::size_t t = 0; t < moved.size(); ++t) {
@@ -169,7 +169,7 @@ struct ResultHead {
     std::uint64_t vertices = 0;
     std::uint64_t triangles = 0;
     std::uint64_t bins = 0;  ///< of gone_at
-    std::uint64_t used = 0;  ///< of these: in which triangles went
+    std::uint64_t used = 0;  ///< number of bins with removed triangles
 };
 
 struct GoneInBin {
@@ -185,7 +185,7 @@ std::vector<std::byte> packed_patch(const MappedPatch& patch) {
         std::all_of(patch.displacements.begin(), patch.displacements.end(), is_zero);
     Packer packer;
     packer.reserve(sizeof(PatchHead) + sizeof(KeptNodes) + 17 * vertices +
-                   patch.triangles.size() * (is_full ? 13 : kMostPackedResult));
+                   patch.triangles.size() * (is_full ? 13 : kMaxPackedResult));
     packer.put(PatchHead{vertices, patch.triangles.size(), patch.box, !patch.next_copy.empty(),
                          patch.kept_nodes.has_value()});
     if (patch.kept_nodes) {
@@ -229,7 +229,7 @@ std::vector<std::byte> packed_result(const MappedPatch& patch, const GoneTriangl
     const std::uint64_t vertices = patch.positions.size();
     Packer packer;
     packer.reserve(sizeof(ResultHead) + gone.size() * sizeof(GoneInBin) +
-                   patch.triangles.size() * kMostPackedResult);
+                   patch.triangles.size() * kMaxPackedResult);
     packer.put(ResultHead{vertices, patch.triangles.size(), gone_at.size(), gone.size()});
     packer.put_all(gone.data(), gone.size());
     put_triangles(packer, patch, vertices);

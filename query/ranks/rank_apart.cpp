@@ -10,7 +10,7 @@
 #include <tuple>
 #include <vector>
 
-#include "query/apart/parts_apart.h"
+#include "query/apart/keep_apart.h"
 #include "query/ranks/row_mail.h"
 
 namespace isonest::detail {
@@ -18,13 +18,13 @@ namespace {
 
 using Place = std::array<float, 3>;
 
-/// A vertex that may share its place, of any rank.
+/// A vertex of any rank that may share its place.
 struct Watched {
     Place at{};
-    std::uint32_t is_owned = 0;  ///< by a part of the rank that has it here
+    std::uint32_t is_owned = 0;  ///< owned by a part of this rank
     std::uint64_t number = 0;
 };
-/// At the home of its place.
+/// A vertex at the home of its place.
 struct Found {
     Watched vertex;
     std::uint32_t from = 0;
@@ -39,7 +39,7 @@ struct MovedVertex {
     Place now{};
 };
 
-/// Which of the ranks is the home of a place. Zeros of both signs are one place.
+/// The rank that is the home of a place. Zeros of both signs are the same place.
 int home_of(const Place& at, int ranks) {
     std::uint64_t h = 0;
     for (const float x : at) {
@@ -85,7 +85,7 @@ class ApartOnRanks {
   private:
     [[nodiscard]] bool is_first() const { return ranks_.rank() == 0; }
 
-    /// Those of this rank's parts, each once.
+    /// Finds the watched vertices of this rank's parts, each once.
     void find_watched() {
         std::vector<std::uint64_t> number;
         std::vector<bool> owned;
@@ -125,7 +125,8 @@ class ApartOnRanks {
         });
     }
 
-    /// Tells the ranks which of their vertices share a place. How many this rank knows as a home.
+    /// Tells the ranks which of their vertices share a place. Returns the number found by this rank
+    /// as a home.
     std::uint64_t tell_touched() {
         RowMail<std::uint64_t> mail(folder_);
         std::uint64_t count = 0;
@@ -149,7 +150,7 @@ class ApartOnRanks {
         return count;
     }
 
-    /// To rank 0.
+    /// Sends them to rank 0.
     void gather_watched(const ApartRange& range, RowFile<PlacedVertex>& placed) {
         RowMail<Watched> mail(folder_);
         for (const Watched& w : watched_.all()) {
@@ -159,7 +160,7 @@ class ApartOnRanks {
         }
         watched_.clear();
         mail.exchange(ranks_, [&](int, const Watched& w) {
-            placed.add(placed_vertex(w.number, w.at, range.turn));
+            placed.add(placed_vertex(w.number, w.at, range.rotation));
         });
         sort_by_place(placed.all());
     }
@@ -213,7 +214,7 @@ class ApartOnRanks {
         return apart;
     }
 
-    /// From the homes, which know who has a vertex.
+    /// Receives new positions from the homes, which know the ranks of each vertex.
     void hear_moved(RowFile<PlacedVertex>& moved) {
         RowMail<MovedVertex> mail(folder_);
         const std::span<const Found> all = found_.all();

@@ -1,12 +1,12 @@
-// Keeps the vertices of a welded mesh apart whose parts several ranks have, with the result of
+// Separates the vertices of a welded mesh whose parts are on several ranks, with the same result as
 // keep_parts_apart() where all parts are in one process.
 //
-//     home of a place    which vertices are together in it; places have homes by their hash
-//     rank 0             moves them: it gets those that may be together, with the triangles that
-//                        touch those that are
-//     homes              tell the ranks whose parts have a vertex where it is now
+//     home of a place    determines which vertices are together in it; the home is given by a hash
+//     rank 0             moves them: it gets those that may be together, and the triangles at
+//                        those that are
+//     homes              send new positions to the ranks whose parts have the vertex
 //
-// If no two vertices are in one place, rank 0 does nothing.
+// If no two vertices are at the same place, rank 0 does nothing.
 #pragma once
 
 #include <isonest/progress.h>
@@ -19,10 +19,10 @@
 
 namespace isonest::detail {
 
-/// `range`: of rank 0, with the mesh's box; must not be turned. What grows with the mesh lies in
-/// temporary files in `folder`; rank 0's are those of keep_parts_apart(). Returns on rank 0 what
-/// was moved, elsewhere nothing. REQUIRES: PartStore::watch() was called, and no triangle of any
-/// rank is without area. Collective. Throws Error{io, cancelled}.
+/// `range`: on rank 0, with the mesh's box; must not be rotated. Data that grows with the mesh is
+/// kept in temporary files in `folder`; those of rank 0 are as for keep_parts_apart(). Returns the
+/// moved vertices on rank 0, nothing elsewhere. REQUIRES: PartStore::watch() was called, and no
+/// triangle of any rank is without area. Collective. Throws Error{io, cancelled}.
 ApartVertices keep_apart_on_ranks(Communicator& ranks, PartStore& parts, const VertexNumbers& weld,
                                   const ApartRange& range, const ScratchFolder& folder,
                                   Progress& progress);

@@ -1,5 +1,6 @@
-// Blocks go out in batches. Two are on their way at a time: while all map one, rank 0 uses what is
-// left of the one before and loads the next.
+// Blocks are sent in batches, and two batches are in progress at a time: while all ranks map one,
+// rank 0 uses the results of the previous one and loads the next.
+
 #include "query/ranks/rank_mapping.h"
 
 #include <oneapi/tbb/parallel_for.h>
@@ -10,38 +11,135 @@
 #include <algorithm>
 #include <chrono>
 #include <cstddef>
+#include <cstdint>
 #include <deque>
 #include <span>
 #include <string>
 #include <utility>
+#include <vector>
 
-#include "query/ranks/block_messages.h"
 #include "query/ranks/packed_patch.h"
+#include "store/base/memory.h"
+#include "store/base/workers.h"
 #include "store/ranks/communicator.h"
 
 namespace isonest::detail {
 namespace {
 
-/// Of a batch, if the memory holds them.
+struct StepHead {
+    bool is_end = false;
+    CollapseLimits limits;
+};
+
+}  // namespace
+
+void tell_step(Communicator& ranks, const MappingStep& step) {
+    std::string text = text_of_value(StepHead{step.is_end, step.limits});
+    for (const std::uint64_t messages : step.messages) {
+        text += text_of_value(messages);
+    }
+    ranks.broadcast(std::move(text));
+}
+
+MappingStep hear_step(Communicator& ranks) {
+    const std::string text = ranks.broadcast({});
+    std::string_view rest = text;
+    const auto head = value_of_text<StepHead>(rest);
+    MappingStep step{head.is_end, head.limits, {}};
+    for (rest.remove_prefix(sizeof(StepHead)); !rest.empty();
+         rest.remove_prefix(sizeof(std::uint64_t))) {
+        step.messages.push_back(value_of_text<std::uint64_t>(rest));
+    }
+    return step;
+}
+
+namespace {
+
+/// The part of the memory for waiting blocks: a quarter, if the rest is enough for a thread.
+std::uint64_t waiting_heap(const MemoryShare& memory) {
+    constexpr std::uint64_t kPart = 4;
+    const std::uint64_t left = memory.left();
+    return left <= map_heap() ? 0 : std::min(left / kPart, left - map_heap());
+}
+
+MappingOffer offer_of(const MemoryShare& memory) {
+    const std::uint64_t heap = waiting_heap(memory);
+    const int threads =
+        memory.without(heap).threads_of(map_heap(), "simplification within a distance");
+    return {static_cast<std::uint64_t>(threads), heap};
+}
+
+}  // namespace
+
+void serve_blocks(RankTeam& team, const MemoryShare& memory, const Progress& progress) {
+    using Clock = std::chrono::steady_clock;
+    Communicator& ranks = team.ranks;
+    const MappingOffer offer = offer_of(memory);
+    ranks.gather(text_of_value(offer));
+    Workers workers(static_cast<int>(offer.threads));
+    ++team.work.mappings;
+    for (BlockSender results;;) {
+        ranks.gather(text_of_value(results.messages(0)));
+        const MappingStep step = hear_step(ranks);
+        if (step.is_end) {
+            return;
+        }
+        std::vector<std::vector<std::byte>> blocks;
+        BlockReceiver receiver;
+        ranks.exchange([&](Communicator::Message& message) { return results.next(message); },
+                       step.messages[static_cast<std::size_t>(ranks.rank())],
+                       [&](int /*from*/, std::span<const std::byte> bytes) {
+                           if (auto packed = receiver.take(bytes)) {
+                               blocks.push_back(std::move(*packed));
+                           }
+                       });
+        const auto start = Clock::now();
+        std::vector<std::uint64_t> triangles(blocks.size());
+        workers.execute([&] {
+            tbb::parallel_for(
+                std::size_t{0}, blocks.size(),
+                [&](std::size_t i) {
+                    progress.check();
+                    ranks.check();
+                    MappedPatch patch = unpacked_patch(blocks[i]);
+                    blocks[i] = {};
+                    triangles[i] = patch.triangles.size();
+                    const GoneTriangles gone_at = map_patch(patch, step.limits);
+                    blocks[i] = packed_result(patch, gone_at);
+                },
+                tbb::simple_partitioner());
+        });
+        team.work.mapping_seconds += std::chrono::duration<double>(Clock::now() - start).count();
+        for (std::size_t i = 0; i < blocks.size(); ++i) {
+            ++team.work.mapped_blocks;
+            team.work.mapped_triangles += triangles[i];
+            results.add(0, std::move(blocks[i]));
+        }
+    }
+}
+
+namespace {
+
+/// Blocks per batch, if the memory allows.
 constexpr std::uint64_t kBlocksPerThread = 4;
-/// Bytes at rank 0 for each triangle of a batch, at most: three batches are there. Of one, the
-/// packed patches, and 24 bytes for the vertices' numbers; of the next, those or what is left of
-/// rank 0's own (64); of the one before, what is left (64).
-constexpr std::uint64_t kHeldBytes = kMostPackedPatch + 24 + 64 + 64;
-/// And for each block: GoneTriangles has a number for each of 4,096 bins at most.
+/// Maximum bytes on rank 0 per triangle of a batch: three batches are held. Of one, the packed
+/// patches, and 24 bytes for the vertices' numbers; of the next, the same or rank 0's own results
+/// (64); of the previous one, the results (64).
+constexpr std::uint64_t kHeldBytes = kMaxPackedPatch + 24 + 64 + 64;
+/// And per block: GoneTriangles has at most a number for each of 4,096 bins.
 constexpr std::uint64_t kHeldPerBlock = std::uint64_t{3} * 4096 * 8;
-/// Bytes at the rank that maps it for each triangle of a batch: as it came, and what is left of one
-/// of the batch before.
-constexpr std::uint64_t kServedBytes = kMostPackedPatch + kMostPackedResult;
+/// Bytes on the mapping rank per triangle of a batch: as received, and the result of a triangle of
+/// the previous batch.
+constexpr std::uint64_t kServedBytes = kMaxPackedPatch + kMaxPackedResult;
 constexpr std::uint64_t kServedPerBlock = std::uint64_t{4096} * 8;
-/// What loading, packing and using a block of others costs rank 0, in parts of mapping it: measured
-/// by isonest_map_mesh (query/DISTANCE.md).
+/// Rank 0's cost of loading, packing and using a block of another rank, relative to mapping it:
+/// measured by isonest_map_mesh (query/DISTANCE.md).
 constexpr double kCarrying = 0.065;
 
 /// A block from its loading until it is used.
 struct Carried {
     std::int64_t number = 0;
-    int rank = 0;  ///< that maps it
+    int rank = 0;  ///< the rank that maps it
     std::uint64_t triangles = 0;
     MappedBlock block;
     std::vector<std::byte> packed;
@@ -64,12 +162,12 @@ class RankMapping::Pass {
         for (const MappingOffer& offer : offers_) {
             threads += offer.threads;
         }
-        // All batches about alike.
+        // All batches of about the same size.
         const auto blocks = static_cast<std::uint64_t>(pass.blocks);
         const std::uint64_t most = kBlocksPerThread * threads;
         // NOLINTNEXTLINE(clang-analyzer-core.DivideZero): every rank offers a thread
         const std::uint64_t batches = (blocks + most - 1) / most;
-        most_ = batches == 0 ? 1 : (blocks + batches - 1) / batches;
+        max_ = batches == 0 ? 1 : (blocks + batches - 1) / batches;
     }
 
     void run() {
@@ -92,13 +190,13 @@ class RankMapping::Pass {
   private:
     using Clock = std::chrono::steady_clock;
 
-    /// The next blocks, each for the rank that would be done with it first.
+    /// The next blocks, each assigned to the rank that would finish it first.
     Batch plan() {
         Batch batch;
         std::vector<double> busy(offers_.size());
         std::vector<std::uint64_t> held(offers_.size());
         std::uint64_t carried = 0;
-        while (planned_ < pass_.blocks && batch.size() < most_) {
+        while (planned_ < pass_.blocks && batch.size() < max_) {
             const std::uint64_t triangles = pass_.triangles(planned_);
             const std::uint64_t bytes = triangles * kHeldBytes + kHeldPerBlock;
             const std::uint64_t served = triangles * kServedBytes + kServedPerBlock;
@@ -129,7 +227,7 @@ class RankMapping::Pass {
         return batch;
     }
 
-    /// work(carried) for rank 0's own blocks, or for those of others, in parallel.
+    /// Calls work(carried) for rank 0's own blocks, or for those of other ranks, in parallel.
     template <class Work>
     void each(Batch& batch, bool is_own, const Work& work) {
         tbb::parallel_for(
@@ -160,7 +258,7 @@ class RankMapping::Pass {
         progress_.advance(c.triangles);
     }
 
-    /// Rank 0's part of the work between two steps.
+    /// Rank 0's work between two steps.
     void work(Batch& own, Batch& others) {
         tbb::parallel_invoke([&] { each(own, true, [this](Carried& c) { map(c); }); },
                              [&] { each(others, false, [this](Carried& c) { load(c); }); });
@@ -172,7 +270,7 @@ class RankMapping::Pass {
         }
     }
 
-    /// Sends a batch, and receives what is left of the one before.
+    /// Sends a batch, and receives the results of the previous one.
     void step(Batch& batch, Batch& before) {
         std::uint64_t expected = 0;
         for (const std::string& messages : ranks_.gather({})) {
@@ -213,11 +311,11 @@ class RankMapping::Pass {
     std::uint64_t heap_;
     const BlockPass& pass_;
     Progress& progress_;
-    std::uint64_t most_ = 1;    ///< blocks in a batch
-    std::int64_t planned_ = 0;  ///< blocks until now
+    std::uint64_t max_ = 1;     ///< blocks in a batch
+    std::int64_t planned_ = 0;  ///< number of blocks planned so far
 };
 
-RankMapping::RankMapping(RankTeam& team, std::uint64_t memory)
+RankMapping::RankMapping(RankTeam& team, const MemoryShare& memory)
     : team_(team), heap_(team.ranks.size() > 1 ? waiting_heap(memory) : 0) {}
 
 void RankMapping::map(const BlockPass& pass, Progress& progress) {
@@ -244,7 +342,7 @@ void RankMapping::finish() {
     }
 }
 
-std::unique_ptr<BlockMapping> mapping_by(RankTeam* team, std::uint64_t memory) {
+std::unique_ptr<BlockMapping> mapping_by(RankTeam* team, const MemoryShare& memory) {
     if (team == nullptr) {
         return std::make_unique<LocalMapping>();
     }

@@ -9,18 +9,18 @@
 #include <limits>
 #include <tuple>
 
-#include "query/march/vertex_key.h"
-#include "query/ranks/mapping_step.h"
+#include "query/march/mesh_part.h"
+#include "query/ranks/rank_mapping.h"
 #include "query/ranks/row_mail.h"
 
 namespace isonest::detail {
 namespace {
 
 constexpr std::uint64_t kNotNumbered = std::numeric_limits<std::uint64_t>::max();
-/// In a number: another part owns the vertex of this representative.
+/// Flag in a number: another part owns the vertex of this representative.
 constexpr std::uint64_t kOfOther = std::uint64_t{1} << 63U;
 
-/// A cut by its ends, which are shared elements, and its plane.
+/// A cut, identified by its ends, which are shared elements, and its plane.
 struct CutKey {
     std::array<std::uint64_t, 5> words{};
     auto operator<=>(const CutKey&) const = default;  // NOLINT(modernize-use-nullptr)
@@ -45,7 +45,7 @@ CutKey cut_key(SharedPlace a, SharedPlace b, std::uint32_t plane) {
     return {{a.order, rest(a), b.order, rest(b), plane}};
 }
 
-/// A part, for rank 0.
+/// A part's counts, for rank 0.
 struct PartCount {
     std::uint64_t order = 0;
     std::uint32_t owned = 0;
@@ -54,7 +54,7 @@ struct PartCount {
 struct CountedPart {
     PartCount count;
     std::uint32_t from = 0;
-    std::uint64_t number = 0;  ///< among those of its rank
+    std::uint64_t number = 0;  ///< index among those of its rank
 };
 struct PartFirsts {
     std::uint64_t number = 0;
@@ -66,7 +66,7 @@ struct MeshCounts {
     std::uint64_t triangles = 0;
 };
 
-/// Whose number is asked for, and the element for which it is.
+/// A request for a number: the owner, and the element for which it is requested.
 struct NumberRequest {
     std::uint64_t order = 0;
     std::uint64_t element = 0;
@@ -156,7 +156,7 @@ void RankWeld::unite_across_ranks() {
     if (cut == 0) {
         return;
     }
-    // As in Weld, the ends are what they are before any cuts are united.
+    // As in Weld, the ends are those before any cuts are merged.
     const auto best_of = [&](std::uint64_t e) { return best_[own_.representative(e)]; };
     for (const PartRecord& r : parts_.records()) {
         for (const MeshPart::Cut& c : parts_.cuts(r)) {

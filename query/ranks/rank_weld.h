@@ -1,10 +1,10 @@
-// Gives every vertex of a mesh whose parts several ranks have one number, the one that Weld gives
-// it where all parts are in one process.
+// Assigns one number to every vertex of a mesh whose parts are on several ranks: the number from
+// Weld if all parts were in one process.
 //
 //     each rank     its own parts are welded
-//     all           names that several ranks have are exchanged      query/ranks/shared_names.h
-//     rank 0        the records of all parts: who begins where
-//     all           numbers of vertices that other ranks' parts own
+//     all           names that several ranks have are exchanged      query/ranks/row_mail.h
+//     rank 0        the records of all parts: where each begins
+//     all           numbers of vertices owned by parts of other ranks
 #pragma once
 
 #include <cstdint>
@@ -13,20 +13,20 @@
 
 #include "query/mesh/part_store.h"
 #include "query/mesh/weld.h"
-#include "query/ranks/shared_names.h"
+#include "query/ranks/row_mail.h"
 #include "store/files/scratch_file.h"
 #include "store/ranks/communicator.h"
 
 namespace isonest::detail {
 
-/// What grows with the mesh lies in temporary files: 48 bytes for each shared element of a rank's
-/// own parts, 128 for each name that these have, 56 for each name of which the rank is the home,
-/// and on rank 0 besides 100 bytes for each part of the mesh.
+/// Data that grows with the mesh is kept in temporary files: 48 bytes for each shared element of a
+/// rank's own parts, 128 for each of their names, 56 for each name of which the rank is the home,
+/// and on rank 0 also 100 bytes for each part of the mesh.
 class RankWeld : public VertexNumbers {
   public:
-    /// Sets in the records what Weld sets, in numbers of the whole mesh. REQUIRES: parts.seal() was
-    /// called; no two parts of the mesh have the same order. Collective. Throws Error{io,
-    /// cancelled}.
+    /// Sets the same fields in the records as Weld, with numbers in the whole mesh. REQUIRES:
+    /// parts.seal() was called; no two parts of the mesh have the same order. Collective. Throws
+    /// Error{io, cancelled}.
     RankWeld(Communicator& ranks, PartStore& parts, const ScratchFolder& folder);
 
     [[nodiscard]] std::uint64_t vertices() const override { return vertices_; }
@@ -43,7 +43,7 @@ class RankWeld : public VertexNumbers {
     void number_others();
     [[nodiscard]] SharedPlace own_place(const PartRecord& r, std::uint64_t element,
                                         const MeshPart::Shared& shared) const;
-    /// work(record, element, shared) for all shared elements of this rank.
+    /// Calls work(record, element, shared) for all shared elements of this rank.
     template <class Work>
     void each_shared(const Work& work) const;
 
@@ -53,8 +53,8 @@ class RankWeld : public VertexNumbers {
     Weld own_;  ///< of this rank's parts
     ScratchFile best_file_;
     ScratchFile number_file_;
-    std::span<SharedPlace> best_;      ///< of each representative, who owns it
-    std::span<std::uint64_t> number_;  ///< of each representative with a vertex
+    std::span<SharedPlace> best_;      ///< owner of each representative
+    std::span<std::uint64_t> number_;  ///< number of each representative with a vertex
     std::uint64_t vertices_ = 0;
     std::uint64_t triangles_ = 0;
 };

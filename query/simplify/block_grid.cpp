@@ -10,7 +10,7 @@
 namespace isonest::detail {
 namespace {
 
-/// That a node lies in, seen from the octree's corner.
+/// The cell that contains a node, relative to the octree's corner.
 Int3 cell_at(const Int3& node, std::int64_t cell) {
     return {node.x / cell, node.y / cell, node.z / cell};
 }
@@ -36,7 +36,7 @@ BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh, int t
                      const ScratchFolder& folder)
     : lattice_(lattice), mesh_(mesh), folder_(folder), file_(folder) {
     const std::int64_t longest = std::max({lattice.nodes.x, lattice.nodes.y, lattice.nodes.z});
-    // Twice as large as the volume: shifted by two thirds it still holds all.
+    // Twice as large as the volume: even shifted by two thirds, it contains all of the volume.
     const auto whole = 2 * static_cast<std::int64_t>(
                                std::bit_ceil(static_cast<std::uint64_t>(std::max(longest, kCell))));
     size_ = 2 * whole / kCell;
@@ -58,13 +58,17 @@ BlockGrid::Points BlockGrid::points_of(const ElementCorners& triangle) const {
 
 std::size_t BlockGrid::cell_of(const Points& triangle) const {
     Int3 cell;
-    for (int axis = 0; axis < 3; ++axis) {
-        const auto a = static_cast<std::size_t>(axis);
+    Double3 middle{};
+    for (std::size_t a = 0; a < 3; ++a) {
         double sum = 0;
         for (const auto& point : triangle) {
             sum += static_cast<double>(point[a]);
         }
-        const double at = (sum / 3 - lattice_.origin[a]) / lattice_.spacing[a];
+        middle[a] = sum / 3;
+    }
+    const Double3 position = lattice_.position_of(middle);
+    for (int axis = 0; axis < 3; ++axis) {
+        const double at = position[static_cast<std::size_t>(axis)];
         const auto last = static_cast<double>(lattice_.nodes[axis] - 1);
         const auto node = static_cast<std::int64_t>(std::floor(std::clamp(at, 0.0, last)));
         cell[axis] = (node + shift_[axis]) / kCell - first_[axis];
@@ -122,7 +126,7 @@ void BlockGrid::divide(const Int3& low, std::int64_t size, std::uint32_t most,
         }
         return;
     }
-    // Nothing of the mesh is here, but a triangle of a coarser one may be: the block before has it.
+    // The mesh has no triangles here, but a coarser mesh may: these belong to the previous block.
     if (count > 0) {
         begins.append({low.z, low.y, low.x, blocks_++});
     }

@@ -9,29 +9,84 @@
 #include <optional>
 #include <vector>
 
-#include "query/mesh/coordinate_rounding.h"
-#include "query/simplify/block_items.h"
-#include "query/simplify/block_patch.h"
-#include "query/simplify/block_triangles.h"
-#include "query/simplify/packed_triangle.h"
+#include "query/mesh/vertex_stars.h"
+#include "query/simplify/block_files.h"
+#include "query/simplify/proof/point_triangle.h"
 #include "query/simplify/simplify_patch.h"
 #include "store/base/in_order.h"
 
 namespace isonest::detail {
 namespace {
 
-/// Full triangles in a block.
-constexpr std::uint32_t kMostFineInBlock = 1U << 15U;
+using Point = std::array<float, 3>;
+
+/// One of the six neighbours of a position, one unit in the last place away.
+Point neighbour(const Point& p, std::size_t direction) {
+    constexpr float kFar = std::numeric_limits<float>::infinity();
+    Point q = p;
+    const std::size_t axis = direction / 2 % 3;
+    q[axis] = std::nextafterf(p[axis], direction % 2 == 0 ? kFar : -kFar);
+    return q;
+}
+
+}  // namespace
+
+void MovedVertices::add(Copies& copies) {
+    copies.seal();
+    mesh_.add_copies(copies.all());
+    for (const ScratchMesh::MovedCopy& copy : copies.all()) {
+        origins_.append(copy.of);
+    }
+    origins_.seal();
+}
+
+double MovedVertices::give_own_places(std::span<std::uint64_t> vertices, double most) {
+    constexpr std::size_t kMaxRounds = 8;
+    const auto at = mesh_.changeable_positions();
+    double moved = 0;
+    for (std::size_t round = 0; round < kMaxRounds; ++round) {
+        std::sort(vertices.begin(), vertices.end(), [&](std::uint64_t a, std::uint64_t b) {
+            return at[a] != at[b] ? at[a] < at[b] : a < b;
+        });
+        double furthest = 0;
+        std::size_t same = 0;  // number of previous vertices at the same place
+        Point place{};
+        for (std::size_t i = 0; i < vertices.size(); ++i) {
+            const std::uint64_t v = vertices[i];
+            same = i > 0 && at[v] == place ? same + 1 : 0;
+            place = at[v];
+            if (same == 0 || v < first_) {
+                continue;
+            }
+            const Point to = neighbour(place, round + same - 1);
+            const double by = length(minus(point_at(place), point_at(to)));
+            if (moved + by <= most) {
+                at[v] = to;
+                furthest = std::max(furthest, by);
+            }
+        }
+        if (furthest == 0) {
+            break;
+        }
+        moved += furthest;
+    }
+    return moved;
+}
+
+namespace {
+
+/// Full triangles per block.
+constexpr std::uint32_t kMaxFineInBlock = 1U << 15U;
 constexpr int kPassesWithin = 3;
 
 // Marks of triangles of the mesh.
-constexpr std::uint16_t kForever = 1;  ///< it has to stay
+constexpr std::uint16_t kForever = 1;  ///< it must be kept
 constexpr std::uint16_t kTried = 2;    ///< Patch::tried
 
-/// From here on, numbers of an outcome's own vertices.
+/// Numbers from here on are an outcome's own vertices.
 constexpr std::uint64_t kOwn = std::uint64_t{1} << 63U;
 
-/// A triangle of the mesh on its way into a block of the next pass.
+/// A triangle of the mesh to be sorted into a block of the next pass.
 struct MeshTriangle {
     ElementCorners corners{};
     std::uint32_t block = 0;
@@ -43,47 +98,47 @@ struct MeshTriangle {
 class FineTriangle {
   public:
     FineTriangle() = default;
-    /// `server`: as in the patch of the block.
-    FineTriangle(std::uint64_t place, std::uint32_t server)
+    /// `witness`: as in the patch of the block.
+    FineTriangle(std::uint64_t place, std::uint32_t witness)
         : low_(static_cast<std::uint32_t>(place)),
           high_(static_cast<std::uint32_t>(place >> kLow)),
-          server_(server) {}
+          witness_(witness) {}
     [[nodiscard]] std::uint64_t place() const { return std::uint64_t{high_} << kLow | low_; }
-    [[nodiscard]] std::uint32_t server() const { return server_; }
+    [[nodiscard]] std::uint32_t witness() const { return witness_; }
 
   private:
     static constexpr unsigned kLow = 32;
     std::uint32_t low_ = 0;
     std::uint32_t high_ = 0;
-    std::uint32_t server_ = kNoServer;
+    std::uint32_t witness_ = kNoWitness;
 };
 static_assert(sizeof(FineTriangle) == 12);
 
-/// A full triangle that is near to triangles of several blocks: none of these can see alone that it
-/// stays so. So they stay as long as they lie in several blocks.
+/// A full triangle that is near triangles of several blocks: none of these alone can ensure that it
+/// stays so. So they are kept while they are in several blocks.
 struct Split {
-    static constexpr std::size_t kMost = 4;
+    static constexpr std::size_t kMax = 4;
     std::uint64_t place = 0;
     std::uint64_t count = 0;
-    std::array<ElementCorners, kMost> servers{};
+    std::array<ElementCorners, kMax> witnesses{};
 };
 
-/// A full triangle that the block of its servers knows.
+/// A full triangle whose witnesses are in one block.
 struct Attached {
     std::uint64_t place = 0;
-    std::uint32_t server = 0;  ///< of the outcome's mesh, one of them
-    bool is_only = true;       ///< it has no other
+    std::uint32_t witness = 0;  ///< in the outcome's mesh, one of them
+    bool is_only = true;        ///< there is no other witness
 };
 
-/// What a block hands on to the next pass.
+/// What a block passes on to the next pass.
 struct Outcome {
     std::vector<MeshTriangle> mesh;
-    std::vector<ScratchMesh::MovedCopy> moved;  ///< vertices, from kOwn on
+    std::vector<ScratchMesh::MovedCopy> moved;  ///< vertices, numbered from kOwn
     std::vector<Attached> attached;
     std::vector<Split> splits;
     double largest = 0;
 
-    /// The first of its own vertices gets this number.
+    /// Numbers the outcome's own vertices, starting with this number.
     void number_from(std::uint64_t first) {
         const auto number = [&](ElementCorners& corners) {
             for (std::uint64_t& v : corners) {
@@ -94,17 +149,17 @@ struct Outcome {
             number(t.corners);
         }
         for (Split& split : splits) {
-            std::for_each_n(split.servers.begin(), split.count, number);
+            std::for_each_n(split.witnesses.begin(), split.count, number);
         }
     }
 };
 
-/// The distance of two float32 that follow each other, where the volume's coordinates are largest.
+/// The distance between consecutive float32 numbers at the volume's largest coordinates.
 double unit_of(const WorldLattice& lattice) {
     double most = 0;
     for (int axis = 0; axis < 3; ++axis) {
-        most = std::max(most,
-                        largest_coordinate(lattice.nodes, lattice.spacing, lattice.origin, axis));
+        most =
+            std::max(most, largest_coordinate(lattice.nodes, lattice.steps, lattice.origin, axis));
     }
     const auto largest = static_cast<float>(most);
     return static_cast<double>(std::nextafterf(largest, std::numeric_limits<float>::infinity()) -
@@ -114,13 +169,13 @@ double unit_of(const WorldLattice& lattice) {
 }  // namespace
 
 std::uint64_t simplify_heap() {
-    return std::uint64_t{kMostFineInBlock} * 2 * kSimplifyBytesPerTriangle;
+    return std::uint64_t{kMaxFineInBlock} * 2 * kSimplifyBytesPerTriangle;
 }
 
 /// A block of a run.
 struct MeshSimplifier::Block {
     BlockPatch numbered;
-    std::vector<std::uint64_t> full;  ///< places of full triangles
+    std::vector<std::uint64_t> full;  ///< indices of full triangles
 
     /// `next`: the blocks of the next pass.
     [[nodiscard]] Outcome outcome(const SimplifiedPatch& simplified, const BlockGrid& next,
@@ -148,22 +203,22 @@ Outcome MeshSimplifier::Block::outcome(const SimplifiedPatch& simplified, const 
                                 simplified.displacements[i]});
     }
     for (std::size_t i = 0; i < full.size(); ++i) {
-        const auto servers = simplified.servers_of(i);
-        if (servers.empty()) {
+        const auto witnesses = simplified.witnesses_of(i);
+        if (witnesses.empty()) {
             continue;
         }
-        const std::uint32_t block = outcome.mesh[servers.front()].block;
-        if (std::all_of(servers.begin(), servers.end(),
+        const std::uint32_t block = outcome.mesh[witnesses.front()].block;
+        if (std::all_of(witnesses.begin(), witnesses.end(),
                         [&](std::uint32_t s) { return outcome.mesh[s].block == block; })) {
-            outcome.attached.push_back({full[i], servers.front(), servers.size() == 1});
-        } else if (servers.size() <= Split::kMost) {
-            Split split{full[i], servers.size(), {}};
-            std::transform(servers.begin(), servers.end(), split.servers.begin(),
+            outcome.attached.push_back({full[i], witnesses.front(), witnesses.size() == 1});
+        } else if (witnesses.size() <= Split::kMax) {
+            Split split{full[i], witnesses.size(), {}};
+            std::transform(witnesses.begin(), witnesses.end(), split.witnesses.begin(),
                            [&](std::uint32_t s) { return outcome.mesh[s].corners; });
             outcome.splits.push_back(split);
         } else {
-            // Nobody will look at it again: those that it is near to stay for good.
-            for (const std::uint32_t s : servers) {
+            // It cannot be checked again, so the triangles near it are kept forever.
+            for (const std::uint32_t s : witnesses) {
                 outcome.mesh[s].mark |= kForever;
             }
         }
@@ -179,29 +234,29 @@ struct MeshSimplifier::Run {
           held(folder),
           splits(folder),
           in_block(folder) {}
-    /// `blocks`: into which they will be sorted.
+    /// `blocks`: number of blocks into which they will be sorted.
     void begin(std::uint32_t blocks) {
         in_block.map(std::uint64_t{blocks} * sizeof(std::uint32_t));
     }
     void add(const Outcome& outcome);
     /// `grid`: of the blocks of the next pass.
     void add(const Split& split, const BlockGrid& grid);
-    /// Nobody will look at a block any more. REQUIRES: !is_full.
+    /// Declares that a block will not be read any more. REQUIRES: !is_full.
     void consume(std::uint32_t block) {
         mesh.consume(block);
         full.consume(block);
     }
 
-    /// The mesh is the full surface, or a sample of it: it is in `whole` alone.
+    /// The mesh is the full surface, or a sample of it: only `whole` is used.
     bool is_full = false;
     std::uint64_t triangles = 0;  ///< of the mesh
     BlockItems<PackedTriangle> mesh;
     BlockRuns whole;
     BlockItems<FineTriangle> full;
-    BlockTriangles held;  ///< triangles of the mesh that stay in the next pass
+    BlockTriangles held;  ///< triangles of the mesh to be kept in the next pass
     GrowingFile<Split> splits;
-    ScratchFile in_block;  ///< triangles of the mesh in each block until now
-    int third = 0;         ///< the shift of the blocks that they are sorted into next
+    ScratchFile in_block;  ///< number of triangles of the mesh in each block so far
+    int third = 0;         ///< shift of the blocks into which they are sorted next
     double bound = 0;
 };
 
@@ -214,24 +269,24 @@ void MeshSimplifier::Run::add(const Outcome& outcome) {
     }
     triangles += outcome.mesh.size();
     for (const Attached& t : outcome.attached) {
-        full.append({t.place, place[t.server] | (t.is_only ? 0U : kWithOthers)},
-                    outcome.mesh[t.server].block);
+        full.append({t.place, place[t.witness] | (t.is_only ? 0U : kWithOthers)},
+                    outcome.mesh[t.witness].block);
     }
 }
 
 void MeshSimplifier::Run::add(const Split& split, const BlockGrid& grid) {
-    const auto servers = std::span(split.servers).first(split.count);
-    const std::uint32_t block = grid.block_of(servers.front());
-    if (std::all_of(servers.begin(), servers.end(),
+    const auto witnesses = std::span(split.witnesses).first(split.count);
+    const std::uint32_t block = grid.block_of(witnesses.front());
+    if (std::all_of(witnesses.begin(), witnesses.end(),
                     [&](const ElementCorners& s) { return grid.block_of(s) == block; })) {
-        full.append({split.place, kSomeServers}, block);
+        full.append({split.place, kSomeWitnesses}, block);
         return;
     }
     splits.append(split);
-    for (const ElementCorners& server : servers) {
-        const std::uint32_t of = grid.block_of(server);
-        held.append({server, of, 0});
-        full.append({split.place, kNoServer}, of);
+    for (const ElementCorners& witness : witnesses) {
+        const std::uint32_t of = grid.block_of(witness);
+        held.append({witness, of, 0});
+        full.append({split.place, kNoWitness}, of);
     }
 }
 
@@ -247,7 +302,7 @@ MeshSimplifier::MeshSimplifier(ScratchMesh& mesh, const CornerView& triangles,
       progress_(progress) {
     for (int third = 0; third < kBlockShifts; ++third) {
         grids_.push_back(std::make_unique<BlockGrid>(lattice, mesh, triangles, third,
-                                                     kMostFineInBlock, folder_, progress));
+                                                     kMaxFineInBlock, folder_, progress));
     }
     full_ = std::make_shared<Run>(folder_);
     full_->is_full = true;
@@ -271,7 +326,7 @@ void MeshSimplifier::finish(Run& run) const {
     run.held.sort(blocks);
 }
 
-/// Of the mesh, and of the full surface where it is that.
+/// Visits the triangles of the mesh, also if it is the full surface.
 template <class Visit>
 void MeshSimplifier::each(const Run& run, const Visit& visit) const {
     for (const BlockRun& some : run.whole.all()) {
@@ -284,7 +339,7 @@ void MeshSimplifier::each(const Run& run, const Visit& visit) const {
     }
 }
 
-/// `afresh`: what was tried was so within other limits.
+/// `afresh`: earlier results of `tried` were for other limits and are ignored.
 MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valences,
                                            std::uint32_t block, bool afresh) const {
     Block b;
@@ -309,7 +364,7 @@ MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valen
     run.full.each(block, [&](const FineTriangle& t) {
         b.full.push_back(t.place());
         patch.fine.push_back(numbering.local(triangles_[t.place()]));
-        patch.servers.push_back(t.server());
+        patch.witnesses.push_back(t.witness());
     });
     for (const BlockRun& some : run.whole.of(block)) {
         for (std::uint64_t i = some.first; i < some.first + some.count; ++i) {
@@ -323,8 +378,8 @@ MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valen
         patch.stay.resize(patch.fine.size());
         patch.tried.resize(patch.fine.size());
         patch.displacements.resize(patch.fine.size());
-        patch.servers.resize(patch.fine.size());
-        std::iota(patch.servers.begin(), patch.servers.end(), 0U);
+        patch.witnesses.resize(patch.fine.size());
+        std::iota(patch.witnesses.begin(), patch.witnesses.end(), 0U);
     }
     for (const std::uint64_t v : b.numbered.vertex) {
         patch.near.push_back(numbering.number_of(moved_.origin_of(v)));
@@ -333,7 +388,7 @@ MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valen
     return b;
 }
 
-/// `is_last`: nobody will look at `from` any more.
+/// `is_last`: `from` will not be read any more.
 std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(Run& from, const CollapseLimits& limits,
                                                           bool afresh, bool is_last) {
     const BlockGrid& grid = *grids_[static_cast<std::size_t>(from.third)];
@@ -406,11 +461,11 @@ Simplified MeshSimplifier::sample(std::uint64_t most) const {
     return {run, run->triangles, 0, 0};
 }
 
-/// The part of a limit that is left for giving vertices places of their own.
+/// The part of a limit that is reserved for separating vertices at the same place.
 double MeshSimplifier::reserve(double limit) const {
     constexpr double kUnits = 4;
-    constexpr double kMost = 0x1p-8;
-    return std::min(kUnits * unit_, kMost * limit);
+    constexpr double kMax = 0x1p-8;
+    return std::min(kUnits * unit_, kMax * limit);
 }
 
 double MeshSimplifier::give_own_places(const Run& run, double most) {

@@ -1,8 +1,8 @@
-// Fewer triangles for a whole mesh, within a distance that is proven; out of core.
+// Simplifies a whole mesh within a proven distance; out of core.
 //
-// The mesh is cut into blocks with locked borders, each of which is simplified by itself and
-// measured against the full surface; then once more with other borders, so that no seams stay. The
-// argument why the bound holds is in query/DISTANCE.md.
+// The mesh is divided into blocks with locked borders. Each is simplified on its own and measured
+// against the full surface. This is repeated with different borders, so that no seams remain.
+// query/DISTANCE.md explains why the bound holds.
 #pragma once
 
 #include <cstdint>
@@ -13,30 +13,66 @@
 #include <isonest/progress.h>
 
 #include "query/mesh/scratch_mesh.h"
+#include "query/simplify/block_files.h"
 #include "query/simplify/block_grid.h"
-#include "query/simplify/block_patch.h"
-#include "query/simplify/moved_vertices.h"
 #include "query/simplify/patch.h"
 #include "store/files/scratch_file.h"
 
 namespace isonest::detail {
+
+// The vertices of a simplified mesh that are not vertices of the full surface.
+//
+// Each is a copy of a vertex of the full surface, its origin, at another place near the full
+// surface. It has the attributes of its origin.
+
+/// Thread-safety: constant except for add() and give_own_places().
+class MovedVertices {
+  public:
+    using Copies = GrowingFile<ScratchMesh::MovedCopy>;
+
+    /// `mesh`: has the vertices of the full surface; it must outlive this object.
+    MovedVertices(ScratchMesh& mesh, const ScratchFolder& folder)
+        : mesh_(mesh), first_(mesh.layout().vertices), origins_(folder) {}
+
+    /// The number of the next moved vertex.
+    [[nodiscard]] std::uint64_t next() const { return mesh_.layout().vertices; }
+    [[nodiscard]] bool empty() const { return next() == first_; }
+    /// The origin of a moved vertex; for a vertex of the full surface, the vertex itself.
+    [[nodiscard]] std::uint64_t origin_of(std::uint64_t vertex) const {
+        return vertex < first_ ? vertex : origins_.all()[vertex - first_];
+    }
+    /// Adds copies as vertices of the mesh, each with its origin. Throws Error{io}.
+    void add(Copies& copies);
+
+    /// Separates moved vertices that are at the same place as other ones of `vertices`, by units in
+    /// the last place of their coordinates, so that joining vertices by their positions gives the
+    /// same mesh. `vertices`: of the mesh, each once; their order is changed. Vertices of the full
+    /// surface are already at different places (query/apart/keep_apart.h), and moved ones hardly
+    /// ever meet another vertex. Returns the maximum distance by which a vertex was moved; at most
+    /// `most` (world units): if that is not enough, vertices stay together.
+    double give_own_places(std::span<std::uint64_t> vertices, double most);
+
+  private:
+    ScratchMesh& mesh_;
+    std::uint64_t first_;
+    GrowingFile<std::uint64_t> origins_;
+};
 
 /// Heap that one thread needs for a block.
 std::uint64_t simplify_heap();
 
 struct Simplified;
 
-/// Simplifies a mesh within distances from it, each result from the mesh itself or from a result
-/// within a smaller distance. Distances are always from the full mesh, as its vertices are in
-/// float32; the topology stays; the results are the same for any number of threads. Not
-/// thread-safe; it works in the arena of its caller, which has as many threads as there is memory
-/// for.
+/// Simplifies a mesh within distances from it. Each result is made from the mesh itself or from a
+/// result within a smaller distance. Distances are always measured from the full mesh with float32
+/// vertices; the topology is preserved; results do not depend on the number of threads. Not
+/// thread-safe; works in the caller's arena, which has as many threads as there is memory for.
 class MeshSimplifier {
   public:
-    /// `triangles`: the full surface, whose corners are vertices of `mesh`; both have to stay.
-    /// `mesh` gets further vertices: copies of the surface's, at other places near to it, which
-    /// triangles of results have for corners. `box`: to which the surface is cut.
-    /// REQUIRES: mesh.layout().corners == 3. Throws Error{io, cancelled}, as all members do.
+    /// `triangles`: the full surface, with corners that are vertices of `mesh`; both must outlive
+    /// this object. Adds vertices to `mesh`: copies of the surface's vertices at other places near
+    /// it, used by the triangles of results. `box`: to which the surface is clipped. REQUIRES:
+    /// mesh.layout().corners == 3. Throws Error{io, cancelled}, as all members do.
     MeshSimplifier(ScratchMesh& mesh, const CornerView& triangles, const WorldLattice& lattice,
                    const PatchBox& box, ScratchFolder folder, Progress& progress);
     ~MeshSimplifier();
@@ -44,11 +80,11 @@ class MeshSimplifier {
     MeshSimplifier& operator=(const MeshSimplifier&) = delete;
 
     [[nodiscard]] Simplified full() const;
-    /// About `most` triangles of the full mesh, those of blocks from all over it, which stand for
-    /// all of it where a limit is looked for: borders between the blocks that are in and those that
-    /// are not count as borders of the mesh. All of it if it is not much larger than that.
+    /// About `most` triangles of the full mesh, from blocks distributed all over it, as a sample
+    /// for the search for a limit. Borders between included and excluded blocks count as borders of
+    /// the mesh. Returns the whole mesh if it is not much larger.
     [[nodiscard]] Simplified sample(std::uint64_t most) const;
-    /// `limit`: world units, > 0 and at least that within which `from` is.
+    /// `limit`: world units, > 0 and at least the limit of `from`.
     [[nodiscard]] Simplified within(const Simplified& from, double limit);
     [[nodiscard]] CornerFile corners(const Simplified& of) const;
 
@@ -68,7 +104,7 @@ class MeshSimplifier {
     const ScratchMesh& mesh_;
     MovedVertices moved_;
     CornerView triangles_;  ///< of the full surface
-    double unit_;           ///< in the last place of the largest coordinate
+    double unit_;           ///< unit in the last place of the largest coordinate
     PatchBox box_;
     ScratchFolder folder_;
     Progress& progress_;
@@ -76,12 +112,12 @@ class MeshSimplifier {
     std::shared_ptr<Run> full_;
 };
 
-/// A mesh near to the full one; its temporary files go with the last copy.
+/// A mesh near the full one; its temporary files are removed with the last copy.
 struct Simplified {
     std::shared_ptr<MeshSimplifier::Run> run;
     std::uint64_t triangles = 0;
-    double bound = 0;  ///< the largest distance that was met, at most the limit
-    double limit = 0;  ///< within which it was simplified; 0: the full mesh
+    double bound = 0;  ///< the largest distance that occurred, at most the limit
+    double limit = 0;  ///< limit of the simplification; 0: the full mesh
 };
 
 }  // namespace isonest::detail

@@ -6,51 +6,50 @@
 #include <numeric>
 #include <optional>
 
-#include "query/simplify/collapse/collapse_stars.h"
-#include "query/simplify/collapse/placed_collapse.h"
-#include "query/simplify/mapping/star_mapping.h"
+#include "query/simplify/collapse/star_collapse.h"
+#include "query/simplify/collapse/star_mapping.h"
 #include "query/simplify/proof/projected_cover.h"
-#include "query/simplify/proof/server_lists.h"
 #include "query/simplify/proof/surface_distance.h"
-#include "query/simplify/proof/triangle_tree.h"
+#include "query/simplify/proof/witness_lists.h"
 
 namespace isonest::detail {
 namespace {
 
 constexpr std::uint32_t kNoPlace = std::numeric_limits<std::uint32_t>::max();
 
-/// Edges of which the estimate says that they are further off, in limits, are not tried. Those
-/// beyond leave a tenth to a third fewer triangles, and take that much more time: most of them are
-/// measured in vain.
+/// Edges with a larger estimate, as a multiple of the limit, are not tried. Trying them leaves a
+/// tenth to a third fewer triangles and takes longer by the same proportion, because most of them
+/// are measured in vain.
 constexpr double kFurthestMeasured = 1;
 
-/// So few fine triangles are asked before one looks from above, and of more than these none is.
+/// If more fine triangles than this are concerned, the projection is tried first; with more than
+/// kMaxAsked they are not checked at all.
 constexpr std::size_t kFewAsked = 20;
-constexpr std::size_t kMostAsked = 1000;
+constexpr std::size_t kMaxAsked = 1000;
 
-/// Looks for servers among all triangles of a mesh.
-class ServerSearch {
+/// Searches for witnesses among all triangles of a mesh.
+class WitnessSearch {
   public:
-    /// `places`: of triangles of the mesh, some of which may be gone.
-    ServerSearch(std::span<const std::array<float, 3>> positions, const CornerMesh& mesh,
-                 std::size_t places, double limit)
+    /// `places`: number of triangle indices of the mesh; some triangles may be removed.
+    WitnessSearch(std::span<const std::array<float, 3>> positions, const CornerMesh& mesh,
+                  std::size_t places, double limit)
         : limit_(limit),
           place_(those_left(mesh, places)),
           tree_(positions, corners_of(mesh, place_)),
           distance_(tree_, limit) {}
 
-    /// How far `t` is from those that are found; nothing: they are not found.
+    /// Distance of `t` from the witnesses found; nothing: none were found.
     std::optional<double> serves(const Triangle& t) {
         if (!distance_.serves(t)) {
             return std::nullopt;
         }
         found_.clear();
-        for (const std::uint32_t i : distance_.servers()) {
+        for (const std::uint32_t i : distance_.witnesses()) {
             found_.push_back(place_[i]);
         }
         return distance_.largest();
     }
-    /// Finds all that a part of `t` may be near to.
+    /// Finds all triangles that a part of `t` may be near.
     void all_near(const Triangle& t) {
         const double reach =
             limit_ + std::sqrt(std::max({square(minus(t[1], t[0])), square(minus(t[2], t[1])),
@@ -61,7 +60,7 @@ class ServerSearch {
             return false;
         });
     }
-    /// Places in the mesh.
+    /// Indices in the mesh.
     [[nodiscard]] const std::vector<std::uint32_t>& found() const { return found_; }
 
   private:
@@ -83,7 +82,7 @@ class ServerSearch {
     }
 
     double limit_;
-    std::vector<std::uint32_t> place_;  ///< in the mesh, of each one of the tree
+    std::vector<std::uint32_t> place_;  ///< index in the mesh, for each triangle of the tree
     TriangleTree tree_;
     SurfaceDistance distance_;
     std::vector<std::uint32_t> found_;
@@ -96,18 +95,18 @@ class PatchSimplifier {
           positions_(patch.positions),
           limit_(limits.distance),
           locked_(locked_vertices(patch)),
-          servers_(patch, positions_, limit_),
+          witnesses_(patch, positions_, limit_),
           displacements_(patch.displacements),
           mapping_(displacements_) {
         mesh_.emplace(patch.positions.size(), patch.triangles, locked_);
-        std::vector<std::uint32_t> servers = patch.servers;
+        std::vector<std::uint32_t> witnesses = patch.witnesses;
         if (!patch.is_full) {
-            find_servers(servers);
+            find_witnesses(witnesses);
         }
         collapse_.emplace(positions_, patch.box, patch.shared, locked_, *mesh_);
         if (patch.is_full) {
-            map(servers);
-            find_servers(servers);
+            map(witnesses);
+            find_witnesses(witnesses);
         }
         queue_.emplace(positions_, *mesh_, limits.square_estimate);
         placed_.emplace(positions_, patch.box, patch.shared, *mesh_);
@@ -125,7 +124,7 @@ class PatchSimplifier {
     [[nodiscard]] SimplifiedPatch result() const {
         SimplifiedPatch simplified;
         std::vector<std::uint32_t> place(patch_.triangles.size(), kNoPlace);
-        simplified.largest = std::max(found_, servers_.largest());
+        simplified.largest = std::max(found_, witnesses_.largest());
         for (std::uint32_t i = 0; i < place.size(); ++i) {
             if (mesh_->is_gone(i)) {
                 continue;
@@ -143,21 +142,21 @@ class PatchSimplifier {
                 simplified.moved.push_back({v, positions_[v]});
             }
         }
-        auto& servers = simplified.servers;
+        auto& witnesses = simplified.witnesses;
         for (std::uint32_t i = 0; i < patch_.fine.size(); ++i) {
-            simplified.first_server.push_back(static_cast<std::uint32_t>(servers.size()));
-            for (const std::uint32_t s : servers_.servers_of(i)) {
-                servers.push_back(place[s]);
+            simplified.first_witness.push_back(static_cast<std::uint32_t>(witnesses.size()));
+            for (const std::uint32_t s : witnesses_.witnesses_of(i)) {
+                witnesses.push_back(place[s]);
             }
         }
-        simplified.first_server.push_back(static_cast<std::uint32_t>(servers.size()));
+        simplified.first_witness.push_back(static_cast<std::uint32_t>(witnesses.size()));
         return simplified;
     }
 
-    /// Collapses what stays near by its displacements alone: no fine triangle is asked. Each fine
-    /// triangle, which is one of the patch, is then near to what is around the one that took its
-    /// place: `servers`.
-    void map(std::vector<std::uint32_t>& servers) {
+    /// Collapses what stays near by its displacements alone, without checking fine triangles. Each
+    /// fine triangle, which is one of the patch, is then near the surroundings of the triangle that
+    /// replaced it: `witnesses`.
+    void map(std::vector<std::uint32_t>& witnesses) {
         std::vector<std::uint32_t> place(patch_.triangles.size());
         std::iota(place.begin(), place.end(), 0U);
         EdgeQueue queue(positions_, *mesh_, limits_of(limit_, kFurthestMapped).square_estimate);
@@ -177,21 +176,21 @@ class PatchSimplifier {
                 collapse_->take();
                 return fewer;
             });
-        for (std::uint32_t i = 0; i < servers.size(); ++i) {
+        for (std::uint32_t i = 0; i < witnesses.size(); ++i) {
             std::uint32_t at = i;
             while (place[at] != at) {
                 at = place[at] = place[place[at]];
             }
-            servers[i] = at | kWithOthers;
+            witnesses[i] = at | kWithOthers;
         }
     }
 
-    /// `known`: as Patch::servers, of the mesh as it is.
-    void find_servers(const std::vector<std::uint32_t>& known) {
-        std::vector<std::uint32_t> near(patch_.positions.size(), kNoServer);  // of each vertex
-        std::optional<ServerSearch> search;
+    /// `known`: as Patch::witnesses, for the current mesh.
+    void find_witnesses(const std::vector<std::uint32_t>& known) {
+        std::vector<std::uint32_t> near(patch_.positions.size(), kNoWitness);  // of each vertex
+        std::optional<WitnessSearch> search;
         const auto find = [&](std::uint32_t fine, std::uint32_t hint) {
-            if (hint != kNoServer && servers_.find(fine, hint, *mesh_)) {
+            if (hint != kNoWitness && witnesses_.find(fine, hint, *mesh_)) {
                 return;
             }
             if (!search) {
@@ -201,36 +200,36 @@ class PatchSimplifier {
             if (const std::optional<double> off = search->serves(t)) {
                 found_ = std::max(found_, *off);
             } else {
-                // It was cut too often; what it is near to is among all these, and they stay.
+                // It was divided too often; its witnesses are among all of these, which are kept.
                 search->all_near(t);
-                for (const std::uint32_t server : search->found()) {
-                    for (const std::uint32_t v : mesh_->corners(server)) {
+                for (const std::uint32_t witness : search->found()) {
+                    for (const std::uint32_t v : mesh_->corners(witness)) {
                         locked_[v] = true;
                     }
                 }
             }
-            servers_.set(fine, search->found());
+            witnesses_.set(fine, search->found());
         };
         for (std::uint32_t i = 0; i < patch_.fine.size(); ++i) {
-            if (known[i] == kNoServer || known[i] == kSomeServers) {
+            if (known[i] == kNoWitness || known[i] == kSomeWitnesses) {
                 continue;
             }
-            const std::uint32_t server = known[i] & ~kWithOthers;
+            const std::uint32_t witness = known[i] & ~kWithOthers;
             for (const std::uint32_t v : patch_.fine[i]) {
-                near[v] = server;
+                near[v] = witness;
             }
-            if (known[i] == server) {
-                servers_.set(i, std::span(&server, 1));
+            if (known[i] == witness) {
+                witnesses_.set(i, std::span(&witness, 1));
             } else {
-                find(i, server);
+                find(i, witness);
             }
         }
         for (std::uint32_t i = 0; i < patch_.fine.size(); ++i) {
-            if (known[i] == kSomeServers) {
+            if (known[i] == kSomeWitnesses) {
                 const PatchTriangle& t = patch_.fine[i];
                 const auto v = std::find_if(t.begin(), t.end(),
-                                            [&](std::uint32_t c) { return near[c] != kNoServer; });
-                find(i, v == t.end() ? kNoServer : near[*v]);
+                                            [&](std::uint32_t c) { return near[c] != kNoWitness; });
+                find(i, v == t.end() ? kNoWitness : near[*v]);
             }
         }
     }
@@ -245,7 +244,7 @@ class PatchSimplifier {
 
     std::uint32_t take() {
         const std::uint32_t fewer = collapse_->fewer();
-        servers_.take();
+        witnesses_.take();
         if (!is_placed_) {
             mapping_.take(*collapse_);
             collapse_->take();
@@ -277,13 +276,13 @@ class PatchSimplifier {
             after_.push_back({collapse_->triangle(j),
                               PreparedTriangle(triangle_at(positions_, collapse_->after(j)))});
         }
-        return servers_.fits(near_of(collapse_->ring().middle), before_, after_, *mesh_) &&
+        return witnesses_.fits(near_of(collapse_->ring().middle), before_, after_, *mesh_) &&
                are_near();
     }
 
-    /// The same with the end of the edge where the quadrics are least.
+    /// The same with the end of the edge at the minimum of the quadrics.
     bool stays_near_at_best_place(const EdgeQueue::Edge& edge) {
-        // An edge goes to the same place from both of its ends.
+        // The position is the same for both directions of an edge.
         if (locked_[edge.to] || queue_->comes_later_than_back(edge)) {
             return false;
         }
@@ -292,14 +291,14 @@ class PatchSimplifier {
             !placed_->look(*collapse_,
                            {static_cast<float>((*best)[0]), static_cast<float>((*best)[1]),
                             static_cast<float>((*best)[2])}) ||
-            !placed_->has_no_new_fold(*collapse_, kMostMeasuredFold)) {
+            !placed_->has_no_new_fold(*collapse_, kMaxMeasuredFold)) {
             return false;
         }
         after_.clear();
         for (const PlacedCollapse::Placed& placed : placed_->after()) {
             after_.push_back({placed.triangle, PreparedTriangle(placed.at)});
         }
-        if (!servers_.fits(near_of(edge.from), placed_->before(), after_, *mesh_)) {
+        if (!witnesses_.fits(near_of(edge.from), placed_->before(), after_, *mesh_)) {
             return false;
         }
         measured_off_.clear();
@@ -313,8 +312,8 @@ class PatchSimplifier {
         return is_placed_;
     }
 
-    /// Whether the new triangles are near to the full surface: as far as they were moved, else
-    /// measured.
+    /// Whether the new triangles are near the full surface: by their movement, otherwise by
+    /// measuring.
     bool are_near() {
         const bool is_mapped = mapping_.look(*collapse_);
         measured_.clear();
@@ -336,12 +335,12 @@ class PatchSimplifier {
         return patch_.near.empty() ? v : patch_.near[v];
     }
 
-    /// From above. `at`: where the triangle's corners will be.
+    /// By projection. `at`: future positions of the triangle's corners.
     std::optional<double> off_from_above(const Triangle& at, const PatchTriangle& t) {
         if (!above_) {
             above_.emplace(patch_.positions, patch_.fine, limit_);
         }
-        // Best from a corner that is a vertex of the full surface.
+        // Preferably from a corner that is a vertex of the full surface.
         std::size_t first = 3;
         for (std::size_t i = 0; i < 3; ++i) {
             const std::uint32_t near = near_of(t[i]);
@@ -359,41 +358,42 @@ class PatchSimplifier {
                                            near_of(t[first]));
     }
 
-    /// A bound on the distance of a new triangle from the full surface; nothing: above the limit.
-    std::optional<double> off_of(const Server& server, const PatchTriangle& t) {
-        if (const std::optional<double> off = servers_.served_back(server)) {
+    /// A bound of the distance of a new triangle from the full surface; nothing: above the limit.
+    std::optional<double> off_of(const Witness& witness, const PatchTriangle& t) {
+        if (const std::optional<double> off = witnesses_.served_back(witness)) {
             return off;
         }
-        if (servers_.asked() <= kFewAsked) {
-            if (const std::optional<double> off = servers_.covered_back(server)) {
+        if (witnesses_.asked() <= kFewAsked) {
+            if (const std::optional<double> off = witnesses_.covered_back(witness)) {
                 return off;
             }
         }
-        if (const std::optional<double> off = off_from_above(server.shape.corners(), t)) {
+        if (const std::optional<double> off = off_from_above(witness.shape.corners(), t)) {
             return off;
         }
-        return servers_.asked() > kFewAsked && servers_.asked() <= kMostAsked
-                   ? servers_.covered_back(server)
+        return witnesses_.asked() > kFewAsked && witnesses_.asked() <= kMaxAsked
+                   ? witnesses_.covered_back(witness)
                    : std::nullopt;
     }
 
     const Patch& patch_;
-    std::vector<std::array<float, 3>> positions_;  ///< of the mesh's vertices, as they are by now
+    std::vector<std::array<float, 3>> positions_;  ///< current positions of the mesh's vertices
     double limit_;
     std::vector<bool> locked_;
-    std::optional<ProjectedCover> above_;  ///< made when it is needed
-    ServerLists servers_;
-    double found_ = 0;  ///< the most that a fine triangle is from servers that were looked for
+    std::optional<ProjectedCover> above_;  ///< created when needed
+    WitnessLists witnesses_;
+    double found_ = 0;  ///< maximum distance of a fine triangle from witnesses that were searched
     std::vector<Displacement> displacements_;  ///< of each triangle
     StarMapping mapping_;
     std::optional<CornerMesh> mesh_;
     std::optional<EdgeQueue> queue_;
     std::optional<StarCollapse> collapse_;
     std::optional<PlacedCollapse> placed_;
-    bool is_placed_ = false;  ///< the edge that was looked at last goes there
+    bool is_placed_ = false;  ///< the last examined edge uses that position
     std::vector<std::uint32_t> before_;
-    std::vector<Server> after_;
-    std::vector<std::size_t> measured_;  ///< new triangles that moved too far to be near by that
+    std::vector<Witness> after_;
+    std::vector<std::size_t> measured_;  ///< new triangles that moved too far to be near without
+                                         ///< measuring
     std::vector<double> measured_off_;   ///< of each triangle of placed_
 };
 

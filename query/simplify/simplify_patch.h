@@ -1,15 +1,14 @@
-// Fewer triangles for a patch, none of them and nothing of the full surface further from the other
-// than a distance.
+// Simplifies a patch so that it and the full surface are within a distance of each other.
 //
-// Edges are collapsed one after the other (query/simplify/collapse/collapse_stars.h), each only
-// after it was measured: all that the triangles around it were near to is near to those that
-// replace them (query/simplify/proof/server_lists.h), and these are near to the full surface: by
-// how they project onto the triangles before (query/simplify/mapping/star_mapping.h), or measured
-// (query/simplify/proof/projected_cover.h, query/simplify/proof/server_lists.h). Of a full surface,
-// what mappings alone prove is collapsed before all else. So the errors
-// by which the collapses are ordered play no part in the bound. An edge that cannot be collapsed
-// into its end is tried once more with that end at the place of the smallest quadric error,
-// measured in the same way (query/simplify/collapse/placed_collapse.h).
+// Edges are collapsed one after another (query/simplify/collapse/star_collapse.h). Each collapse is
+// measured first: everything that was near the triangles around the edge must be near the triangles
+// that replace them (query/simplify/proof/witness_lists.h), and these must be near the full
+// surface. The latter follows from their projection onto the previous triangles
+// (query/simplify/collapse/star_mapping.h), or is measured (query/simplify/proof/projected_cover.h,
+// query/simplify/proof/witness_lists.h). For a full surface, collapses that mappings alone prove
+// come first. So the errors that determine the order of collapses do not affect the bound. An edge
+// that cannot be collapsed into its end is tried once more with that end at the position of the
+// smallest quadric error, measured in the same way (query/simplify/collapse/star_collapse.h).
 #pragma once
 
 #include <array>
@@ -29,32 +28,32 @@ struct SimplifiedPatch {
     };
 
     std::vector<PatchTriangle> triangles;
-    std::vector<Moved> moved;  ///< of the vertices of the triangles; in ascending order
-    std::vector<Displacement> displacements;  ///< of each of them
-    std::vector<bool> kept;                   ///< those that stay forever
-    std::vector<bool> tried;                  ///< as in the patch, for the pass that comes
-    /// Of each fine triangle those that it is near to: places in `triangles`. None of one
-    /// that has none in the patch.
-    std::vector<std::uint32_t> first_server;  ///< one more than there are fine triangles
-    std::vector<std::uint32_t> servers;
-    double largest = 0;  ///< distance that was met; at most the limit
+    std::vector<Moved> moved;  ///< vertices of the triangles that were moved; ascending
+    std::vector<Displacement> displacements;  ///< of each triangle
+    std::vector<bool> kept;                   ///< triangles that stay forever
+    std::vector<bool> tried;                  ///< as in the patch, for the next pass
+    /// For each fine triangle, the triangles near it: indices into `triangles`. Empty for one
+    /// without witnesses in the patch.
+    std::vector<std::uint32_t> first_witness;  ///< one more than there are fine triangles
+    std::vector<std::uint32_t> witnesses;
+    double largest = 0;  ///< largest distance that occurred; at most the limit
 
-    [[nodiscard]] std::span<const std::uint32_t> servers_of(std::size_t fine) const {
-        return std::span(servers).subspan(first_server[fine],
-                                          first_server[fine + 1] - first_server[fine]);
+    [[nodiscard]] std::span<const std::uint32_t> witnesses_of(std::size_t fine) const {
+        return std::span(witnesses).subspan(first_witness[fine],
+                                            first_witness[fine + 1] - first_witness[fine]);
     }
 };
 
-/// Heap per triangle and per fine triangle of a patch, at most, that simplify_patch() takes beside
-/// the patch.
+/// Maximum heap per triangle and per fine triangle of a patch during simplify_patch(), not
+/// including the patch.
 inline constexpr std::size_t kSimplifyBytesPerTriangle = 600;
 
 /// The limits of a distance (world units, > 0).
 CollapseLimits simplify_limits(double distance);
 
-/// No edge becomes folded more than before by more than 120 degrees; the topology stays. REQUIRES:
-/// the fine triangles that have servers are within the limit of these, and those of the fine ones
-/// by their displacements. Thread-safe.
+/// No edge is folded more than before by more than 120 degrees; the topology is preserved.
+/// REQUIRES: fine triangles with witnesses are within the limit of these, and these are within the
+/// limit of the fine triangles according to their displacements. Thread-safe.
 SimplifiedPatch simplify_patch(const Patch& patch, const CollapseLimits& limits);
 
 }  // namespace isonest::detail

@@ -1,5 +1,6 @@
-// A part of the mesh is searched first, which costs a small share of what the mesh does: so that
-// the whole is simplified within few limits, most often one.
+// First a part of the mesh is searched, at a small fraction of the cost, so that the whole mesh is
+// simplified for few limits, usually one.
+
 #include "query/simplify/triangle_budget.h"
 
 #include <algorithm>
@@ -9,21 +10,50 @@
 namespace isonest::detail {
 namespace {
 
-/// A mesh with this share of the triangles asked for is near enough.
+constexpr int kMaxSteps = 11;
+/// A step with a larger fraction of the previous step's triangles is the last one.
+constexpr double kHardlyFewer = 0.97;
+
+}  // namespace
+
+std::vector<LadderStep> distance_ladder(MeshSimplifier& simplifier, const ScratchMesh& mesh,
+                                        double voxel, double moved, const ScratchFolder& folder,
+                                        Progress& progress) {
+    std::vector<LadderStep> ladder;
+    Simplified last = simplifier.full();
+    for (int i = 0; i < kMaxSteps; ++i) {
+        const double distance = voxel * kFirstLadderStep * std::exp2(i / 2.0);
+        const Simplified next = simplifier.within(last, distance - moved);
+        const CornerFile corners = simplifier.corners(next);
+        ladder.push_back(
+            {std::make_unique<ScratchMesh>(folder, CornerFile::Bits::all), next.bound});
+        emit_elements(mesh, corners.all(), folder, *ladder.back().mesh, progress);
+        if (static_cast<double>(next.triangles) >=
+            kHardlyFewer * static_cast<double>(last.triangles)) {
+            break;
+        }
+        last = next;
+    }
+    return ladder;
+}
+
+namespace {
+
+/// A mesh with at least this fraction of the requested triangles is good enough.
 constexpr double kNearlyAll = 0.9;
 constexpr double kAim = 0.96;
-constexpr int kMostTries = 4;  ///< after the first limit that is large enough
-/// A guess stays so far from both ends, in shares of what lies between them.
+constexpr int kMaxTries = 4;  ///< after the first limit that is large enough
+/// Minimum distance of a guess from both ends, as a fraction of the interval.
 constexpr double kInside = 0.1;
 constexpr std::uint64_t kSample = std::uint64_t{1} << 17U;  ///< full triangles
 
-/// The limit that leaves `aim` triangles, of which limits `a` and `b` leave more and fewer.
+/// The limit expected to leave `aim` triangles, if limits `a` and `b` leave more and fewer.
 double between(double a, double at_a, double b, double at_b, double aim) {
     const double share = std::log(at_a / aim) / std::log(at_a / at_b);
     return a * std::pow(b / a, std::clamp(share, kInside, 1 - kInside));
 }
 
-/// From `full`, for the first time within `first`.
+/// Searches from `full`, starting with the limit `first`.
 Simplified search(MeshSimplifier& simplifier, const Simplified& full, std::uint64_t triangles,
                   double first, double most) {
     Simplified below = full;
@@ -36,14 +66,15 @@ Simplified search(MeshSimplifier& simplifier, const Simplified& full, std::uint6
     const auto is_near = [&](const Simplified& s) {
         return static_cast<double>(s.triangles) >= kNearlyAll * asked;
     };
-    // From limits that leave too many to one that does not.
+    // Increase the limit until there are few enough triangles.
     for (double limit = std::min(first, most); !enough;) {
         const Simplified next = simplifier.within(below, limit);
         if (is_met(next)) {
             enough = next;
             break;
         }
-        // The surface of most scans has triangles in inverse proportion to the distance, or more.
+        // For most scans the number of triangles is inversely proportional to the distance, or
+        // larger.
         const double factor =
             std::clamp(static_cast<double>(next.triangles) / (kAim * asked), 1.02, 4.0);
         below = next;
@@ -52,8 +83,8 @@ Simplified search(MeshSimplifier& simplifier, const Simplified& full, std::uint6
         }
         limit = std::min(limit * factor, most);
     }
-    // Between the two, as if the triangles went with a power of the distance.
-    for (int i = 0; i < kMostTries && !is_near(*enough); ++i) {
+    // Interpolate, assuming that the number of triangles is a power of the distance.
+    for (int i = 0; i < kMaxTries && !is_near(*enough); ++i) {
         const double low = std::max(below.limit, first / 16);
         const double limit = between(low, static_cast<double>(below.triangles), enough->limit,
                                      static_cast<double>(enough->triangles), kAim * asked);

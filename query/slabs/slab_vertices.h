@@ -1,4 +1,4 @@
-// The vertices of a slab, found by the edges of the lattice that they lie on.
+// The vertices of a slab, looked up by their edges of the lattice.
 #pragma once
 
 #include <algorithm>
@@ -12,49 +12,49 @@
 #include <isonest/int3.h>
 
 #include "query/march/cube_cases.h"
-#include "query/march/finest_crossing.h"
 #include "query/march/part_vertices.h"
-#include "query/slabs/marched_slab.h"
+#include "query/march/vertex_attributes.h"
 #include "query/slabs/slab_edges.h"
-#include "query/slabs/slab_place.h"
-#include "query/slabs/slab_values.h"
-#include "query/view/topology.h"
-#include "store/base/unit_normal.h"
+#include "query/slabs/slab_reader.h"
+#include "query/values/topology.h"
+#include "store/base/vectors.h"
 
 namespace isonest::detail {
 
-/// Vertices in lattice edges are numbered in the slab; those in nodes, which are rare, are those of
-/// a PartVertices, with kOfLinks, until finish(). Edges are numbered as kCubeEdge numbers those of
-/// a cell. One object serves any number of slabs, one after the other. Not thread-safe.
+/// Vertices on lattice edges are numbered in the slab. Vertices at nodes, which are rare, are those
+/// of a PartVertices, with the flag kOfLinks, until finish(). Edges are numbered like those of a
+/// cell in kCubeEdge. One object can be used for any number of slabs, one after another. Not
+/// thread-safe.
 template <class T>
 class SlabVertices {
   public:
     SlabVertices(const Int3& nodes, const SlabPlace& place, MarchedSlab& slab)
         : values_{nullptr, 0, nodes},
-          gradient_(values_, place.spacing),
+          gradient_(values_, place.steps),
           place_(place),
           slab_(slab),
           edges_(nodes),
-          links_(nullptr) {}
+          links_(nullptr),
+          waiting_(gradient_) {}
 
-    /// From now on cells of these values, which have no vertices yet.
+    /// Starts cells with these values; there are no vertices yet.
     void begin(const SlabValues<T>& values) {
         values_ = values;
         forget();
     }
-    /// The same of another part of the slab, from cells of row y of layer z on. What this and other
-    /// parts may both have is then kept in the slab's `shared`.
+    /// Starts another part of the slab, from cells of row y of layer z on. Everything that other
+    /// parts may also have is then recorded in the slab's `shared`.
     void begin_part(std::int64_t y, std::int64_t z) {
         forget();
         part_ = {true, y, z};
     }
-    /// From now on, cells between planes z and z + 1. In ascending order, without gaps.
+    /// Starts the cells between planes z and z + 1. In ascending order, without gaps.
     void begin_layer(std::int64_t z) {
         z_ = z;
         edges_.begin_layer(z);
     }
-    /// Of this layer, cells between rows y and y + 1. In ascending order; rows without surface may
-    /// be left out.
+    /// Starts the cells of this layer between rows y and y + 1. In ascending order; rows without
+    /// surface may be skipped.
     void begin_row(std::int64_t y) {
         y_ = y;
         edges_.begin_row(y);
@@ -76,7 +76,7 @@ class SlabVertices {
         return slot;
     }
 
-    /// As PartVertices has them, for PolygonWithHits.
+    /// Same interface as PartVertices, for PolygonWithHits.
     std::uint32_t edge_of_cube(const Cube& cube, std::size_t edge, double iso) {
         const CubeEdge& e = kCubeEdge[edge];
         const double t = crossing_of(cube.value[e.low], cube.value[e.high], iso);
@@ -98,7 +98,7 @@ class SlabVertices {
         links_.run_between(a, b, below1, below2);
         add_run_normal(a, b);
     }
-    /// REQUIRES: the vertex was asked for since forget_positions().
+    /// REQUIRES: the vertex was requested since forget_positions().
     [[nodiscard]] const Double3& position(std::uint32_t v) const {
         if ((v & kOfLinks) != 0) {
             return links_.position(v & ~kOfLinks);
@@ -110,18 +110,18 @@ class SlabVertices {
     void forget_positions() { recent_.clear(); }
     std::uint32_t centre(std::span<const std::uint32_t> v);
 
-    /// Vertices, and what names of vertices in nodes take, in units of a vertex.
+    /// The number of vertices plus the size of names of vertices at nodes, in units of a vertex.
     [[nodiscard]] std::size_t weight() const { return slab_.positions.size() + links_.weight(); }
-    /// Keeps which edges of the first (0) or last plane have vertices. REQUIRES: the first or the
+    /// Records which edges of the first (0) or last plane have vertices. REQUIRES: the first or
     /// last layer is done.
     void keep_plane(std::size_t side) {
         edges_.for_plane(side, [&](std::uint64_t edge, std::uint32_t vertex) {
             slab_.on_plane[side].push_back({edge, vertex});
         });
     }
-    /// Gives the vertices in nodes numbers of the slab. No more vertices.
+    /// Assigns numbers of the slab to vertices at nodes. No vertices may be added afterwards.
     void finish(const Slab& layers);
-    /// The same of a part that ends with row y of cells of the layer.
+    /// The same for a part that ends with row y of cells of the layer.
     void finish_part(std::int64_t y);
 
   private:
@@ -130,7 +130,7 @@ class SlabVertices {
         std::uint32_t vertex;
         Double3 position;  ///< in the lattice
     };
-    /// The part of a slab, if it is one, and its first row of cells.
+    /// The current part of a slab, if any, and its first row of cells.
     struct Part {
         bool is = false;
         std::int64_t y = 0;
@@ -141,9 +141,10 @@ class SlabVertices {
         edges_.forget();
         links_.clear();
         link_normals_.clear();
+        waiting_.clear();
         part_ = {};
     }
-    /// Whether cells before the part's first one have the edge, too.
+    /// Whether cells before the part's first one also have the edge.
     [[nodiscard]] bool is_in_earlier(const Int3& low, int axis) const {
         if (low.z == part_.z) {
             return axis != 2 || (low.y == part_.y && part_.y > 0);
@@ -156,7 +157,7 @@ class SlabVertices {
         ++middle[axis];
         slab_.shared.push_back({{half_lattice_key(middle), 0, VertexKind::edge}, vertex, true});
     }
-    /// Puts vertices in nodes behind the others; returns the first.
+    /// Appends the vertices at nodes to the others; returns the first.
     std::uint32_t append_links(std::vector<bool>& used);
 
     static int axis_of(const CubeEdge& e) { return (e.low ^ e.high) >> 1; }
@@ -166,13 +167,14 @@ class SlabVertices {
         return p;
     }
     [[nodiscard]] std::array<float, 3> in_world(const Double3& p) const {
+        const Double3 way = place_.steps.vector(p);
         std::array<float, 3> world{};
         for (std::size_t axis = 0; axis < 3; ++axis) {
-            world[axis] = static_cast<float>(place_.origin[axis] + place_.spacing[axis] * p[axis]);
+            world[axis] = static_cast<float>(place_.origin[axis] + way[axis]);
         }
         return world;
     }
-    /// At a + t (b - a): the same bits as AttributeSampler.
+    /// At a + t (b - a); identical to AttributeSampler, bit for bit.
     [[nodiscard]] std::array<float, 3> normal(const Int3& a, const Int3& b, double t) const {
         std::array<float, 3> unit{};
         if (!place_.normals) {
@@ -186,6 +188,26 @@ class SlabVertices {
         }
         return unit_normal(n);
     }
+    /// The same on the edge from a node along `axis`, for the next vertex to be added; may be
+    /// computed later.
+    [[nodiscard]] std::array<float, 3> normal_on_edge(const Int3& low, int axis, double t) {
+        if (!place_.normals) {
+            return {};
+        }
+        if (place_.steps.is_sheared() || !gradient_.is_inner_edge(low, axis)) {
+            Int3 high = low;
+            ++high[axis];
+            return normal(low, high, t);
+        }
+        if (waiting_.is_full()) {
+            compute_waiting();
+        }
+        waiting_.add({values_.at(low), t, static_cast<std::uint32_t>(axis),
+                      static_cast<std::uint32_t>(slab_.positions.size())});
+        return {};
+    }
+    /// Computes all waiting normals; complete until the next vertex is added.
+    [[gnu::noinline]] void compute_waiting() { waiting_.compute(slab_.normals); }
     std::uint32_t add(const Double3& position, const std::array<float, 3>& normal) {
         const auto next = static_cast<std::uint32_t>(slab_.positions.size());
         slab_.positions.push_back(in_world(position));
@@ -198,22 +220,22 @@ class SlabVertices {
         const CubeEdge& e = kCubeEdge[edge];
         const double t = crossing_of(value(x, e.low), value(x, e.high), place_.iso);
         const Int3 low = Int3{x, y_, z_} + corner_offset(e.low);
-        const Int3 high = Int3{x, y_, z_} + corner_offset(e.high);
         const bool is_alone = t > place_.sight && t < 1 - place_.sight;
         if (!is_alone) {
             add_not_alone();
         }
-        const std::uint32_t v = add(on_edge_at(low, axis_of(e), t), normal(low, high, t));
+        const std::uint32_t v =
+            add(on_edge_at(low, axis_of(e), t), normal_on_edge(low, axis_of(e), t));
         if (part_.is && is_in_earlier(low, axis_of(e))) {
             share(low, axis_of(e), v);
         }
         return v;
     }
-    /// The next vertex.
+    /// Marks the next vertex.
     void add_not_alone() {
         slab_.not_alone.push_back(static_cast<std::uint32_t>(slab_.positions.size()));
     }
-    /// If the last call made a vertex.
+    /// Call it after a request that may have made a vertex; does nothing if it did not.
     void add_link_normal(const Int3& a, const Int3& b, double t) {
         if (link_normals_.size() < links_.size()) {
             link_normals_.push_back(normal(a, b, t));
@@ -239,6 +261,7 @@ class SlabVertices {
     PartVertices links_;
     std::vector<std::array<float, 3>> link_normals_;
     std::vector<Recent> recent_;
+    EdgeNormals<T> waiting_;
 };
 
 /// As PartVertices::centre().
@@ -255,6 +278,7 @@ std::uint32_t SlabVertices<T>::centre(std::span<const std::uint32_t> v) {
     if (!place_.normals) {
         return add(at, {});
     }
+    compute_waiting();
     std::array<float, 3> mean = normal_of(v[0]);
     for (std::size_t i = 1; i < v.size(); ++i) {
         const double t = 1 / static_cast<double>(i + 1);
@@ -290,6 +314,7 @@ std::uint32_t SlabVertices<T>::append_links(std::vector<bool>& used) {
 
 template <class T>
 void SlabVertices<T>::finish(const Slab& layers) {
+    compute_waiting();
     if (links_.size() == 0) {
         return;
     }
@@ -309,6 +334,7 @@ void SlabVertices<T>::finish(const Slab& layers) {
 
 template <class T>
 void SlabVertices<T>::finish_part(std::int64_t y) {
+    compute_waiting();
     edges_.for_later(
         y, [&](const Int3& low, int axis, std::uint32_t vertex) { share(low, axis, vertex); });
     if (links_.size() == 0) {

@@ -4,16 +4,217 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numeric>
 
-#include "query/statistics/value_counts.h"
 #include "store/base/in_order.h"
-#include "store/base/label_bits.h"
-#include "store/base/memory_budget.h"
+#include "store/base/label_text.h"
+#include "store/base/memory.h"
 #include "store/base/workers.h"
-#include "store/container/announce/announcer.h"
-#include "store/container/gather.h"
+#include "store/container/chunk_cache.h"
 
 namespace isonest::detail {
+
+ValueBins::ValueBins(ValueType type, double lowest, double highest)
+    : end(highest), integer(type != ValueType::f32 && type != ValueType::f64) {
+    if (!(lowest <= highest)) {
+        return;
+    }
+    if (integer) {
+        const double numbers = highest - lowest + 1;
+        const double width = std::ceil(numbers / kMaxBins);
+        const auto count = static_cast<int>(std::ceil(numbers / width));
+        for (int k = 0; k < count; ++k) {
+            low.push_back(lowest + k * width);
+        }
+        end = low.back() + width;
+        return;
+    }
+    const int count = lowest < highest ? kMaxBins : 1;
+    for (int k = 0; k < count; ++k) {
+        // Ascending, and finite even if the difference of the ends is not.
+        low.push_back(std::lerp(lowest, highest, static_cast<double>(k) / count));
+    }
+}
+
+BinFinder::BinFinder(const ValueBins& bins)
+    : bins_(&bins), first_(bins.low.front()), last_(bins.count() - 1) {
+    per_half_ = bins.integer ? bins.count() / (bins.end - first_)
+                             : bins.count() / (bins.end / 2 - first_ / 2);
+}
+
+void ValueCounts::add_nodes(const Box<BinCode>& box, const Int3& own) {
+    for (std::int64_t z = 0; z < own.z; ++z) {
+        for (std::int64_t y = 0; y < own.y; ++y) {
+            const BinCode* const row = box.row(box.lo.y + y, box.lo.z + z);
+            for (std::int64_t x = 0; x < own.x; ++x) {
+                ++nodes_[row[x]];
+            }
+        }
+    }
+}
+
+void ValueCounts::add_cubes(const Box<BinCode>& box, const Int3& cells) {
+    // A code minus 1, modulo 2^16, is the bin; for a missing value it is larger than any bin.
+    constexpr auto kNone = std::numeric_limits<BinCode>::max();
+    const auto bin = [](BinCode code) { return static_cast<BinCode>(code - 1U); };
+    const Int3 step = min(box.size - Int3{1, 1, 1}, {1, 1, 1});
+    const auto row_nodes = static_cast<std::size_t>(box.size.x);
+    std::vector<BinCode> low(row_nodes);
+    std::vector<BinCode> high(row_nodes);
+    for (std::int64_t z = 0; z < cells.z; ++z) {
+        for (std::int64_t y = 0; y < cells.y; ++y) {
+            const BinCode* const a = box.row(box.lo.y + y, box.lo.z + z);
+            const BinCode* const b = box.row(box.lo.y + y + step.y, box.lo.z + z);
+            const BinCode* const c = box.row(box.lo.y + y, box.lo.z + z + step.z);
+            const BinCode* const d = box.row(box.lo.y + y + step.y, box.lo.z + z + step.z);
+            for (std::size_t x = 0; x < row_nodes; ++x) {
+                const BinCode low_ab = std::min(bin(a[x]), bin(b[x]));
+                const BinCode low_cd = std::min(bin(c[x]), bin(d[x]));
+                low[x] = std::min(low_ab, low_cd);
+                const BinCode high_ab = std::max(a[x], b[x]);
+                const BinCode high_cd = std::max(c[x], d[x]);
+                high[x] = std::max(high_ab, high_cd);
+            }
+            for (std::int64_t x = 0; x < cells.x; ++x) {
+                const auto i = static_cast<std::size_t>(x);
+                const auto j = static_cast<std::size_t>(x + step.x);
+                const BinCode least = std::min(low[i], low[j]);
+                const BinCode most = std::max(high[i], high[j]);
+                if (least != kNone) {
+                    add_cube(least, most - 1);
+                }
+            }
+        }
+    }
+}
+
+void ValueCounts::add(const ValueCounts& other) {
+    const auto plus = std::plus<>();
+    std::transform(nodes_.begin(), nodes_.end(), other.nodes_.begin(), nodes_.begin(), plus);
+    std::transform(changes_.begin(), changes_.end(), other.changes_.begin(), changes_.begin(),
+                   plus);
+}
+
+std::vector<std::uint64_t> ValueCounts::cubes() const {
+    std::vector<std::uint64_t> cubes(changes_.size() - 1);
+    std::partial_sum(changes_.begin(), changes_.end() - 1, cubes.begin());
+    return cubes;
+}
+
+namespace {
+
+constexpr std::uint64_t kFewestNodes = 64;
+constexpr std::uint64_t kMinNodes = 65536;  ///< one in so many
+constexpr std::uint64_t kMinSurface = 100;  ///< one in so many
+constexpr std::size_t kWindow = 32;         ///< one in so many
+constexpr double kProminence = 1.5;
+constexpr std::size_t kMaxSuggested = 5;
+
+/// Some neighbouring bins.
+struct Group {
+    std::size_t middle = 0;  ///< the bin whose smallest value is the isovalue
+    double nodes = 0;
+    double cubes = 0;
+};
+
+/// The ratio of the curve at i to the lowest point on the way to a higher one, the smaller one of
+/// both directions; infinite if none is higher. Of equal heights the first counts as the higher
+/// one.
+double prominence(const std::vector<double>& curve, std::size_t i) {
+    double least = std::numeric_limits<double>::infinity();
+    double valley = curve[i];
+    for (std::size_t j = i; j-- > 0;) {
+        if (curve[j] >= curve[i]) {
+            least = curve[i] / valley;
+            break;
+        }
+        valley = std::min(valley, curve[j]);
+    }
+    valley = curve[i];
+    for (std::size_t j = i + 1; j < curve.size(); ++j) {
+        if (curve[j] > curve[i]) {
+            return std::min(least, curve[i] / valley);
+        }
+        valley = std::min(valley, curve[j]);
+    }
+    return least;
+}
+
+std::vector<Group> groups_of(std::span<const std::uint64_t> nodes,
+                             std::span<const std::uint64_t> cubes) {
+    const std::uint64_t all = std::accumulate(nodes.begin(), nodes.end(), std::uint64_t{0});
+    const std::uint64_t largest = *std::max_element(cubes.begin(), cubes.end());
+    const std::uint64_t enough = std::max(kFewestNodes, all / kMinNodes);
+    std::vector<Group> groups;
+    for (std::size_t begin = 0; begin < nodes.size();) {
+        std::uint64_t sum = 0;
+        std::size_t end = begin;
+        while (end < nodes.size() && sum < enough) {
+            sum += nodes[end++];
+        }
+        if (sum < enough) {
+            break;  // too few are left
+        }
+        Group group;
+        group.middle = std::clamp<std::size_t>((begin + end) / 2, 1, nodes.size() - 1);
+        group.nodes = static_cast<double>(sum);
+        for (std::size_t k = begin; k < end; ++k) {
+            const std::uint64_t above = k + 1 < cubes.size() ? cubes[k + 1] : 0;
+            group.cubes += (static_cast<double>(cubes[k]) + static_cast<double>(above)) / 2;
+        }
+        if (cubes[group.middle] >= largest / kMinSurface && cubes[group.middle] > 0) {
+            groups.push_back(group);
+        }
+        begin = end;
+    }
+    return groups;
+}
+
+}  // namespace
+
+std::vector<SuggestedIsovalue> suggest_isovalues(const ValueBins& bins,
+                                                 std::span<const std::uint64_t> nodes,
+                                                 std::span<const std::uint64_t> cubes) {
+    if (bins.count() < 2) {
+        return {};
+    }
+    const std::vector<Group> groups = groups_of(nodes, cubes);
+    const std::size_t reach = groups.size() / kWindow;
+    std::vector<double> curve;
+    for (std::size_t i = 0; i < groups.size(); ++i) {
+        Group sum;
+        for (std::size_t j = i - std::min(i, reach); j < std::min(i + reach + 1, groups.size());
+             ++j) {
+            sum.nodes += groups[j].nodes;
+            sum.cubes += groups[j].cubes;
+        }
+        curve.push_back(sum.cubes / sum.nodes);
+    }
+    struct Peak {
+        double prominence;
+        std::size_t middle;
+    };
+    std::vector<Peak> peaks;
+    for (std::size_t i = 0; i < groups.size(); ++i) {
+        const double height = prominence(curve, i);
+        if (height >= kProminence) {
+            peaks.push_back({height, groups[i].middle});
+        }
+    }
+    std::stable_sort(peaks.begin(), peaks.end(),
+                     [](const Peak& a, const Peak& b) { return a.prominence > b.prominence; });
+    peaks.resize(std::min(peaks.size(), kMaxSuggested));
+    std::vector<SuggestedIsovalue> suggested;
+    suggested.reserve(peaks.size());
+    for (const Peak& peak : peaks) {
+        // There is no integer in between: the cubes are the same, and the surface passes through no
+        // node.
+        suggested.push_back({bins.low[peak.middle] - (bins.integer ? 0.5 : 0), cubes[peak.middle]});
+    }
+    return suggested;
+}
+
 namespace {
 
 constexpr Int3 kOne{1, 1, 1};
@@ -24,13 +225,13 @@ Int3 nodes_in_volume(const Lattice& lattice, int level) {
 
 int level_for(const Lattice& lattice) {
     int level = 0;
-    while (nodes_in_volume(lattice, level).product() > kMostHistogramNodes) {
+    while (nodes_in_volume(lattice, level).product() > kMaxHistogramNodes) {
         ++level;
     }
     return level;
 }
 
-/// How the memory is shared; fewer threads run where there is little.
+/// Distribution of the memory; fewer threads are used if there is little.
 struct Shares {
     int threads;
     std::uint64_t cache;
@@ -40,7 +241,7 @@ Shares share(const StoreReader& store, const ArrayInfo& array, const HistogramOp
     const std::uint64_t chunk = array.chunk_bytes();
     const auto box = static_cast<std::uint64_t>((array.chunk + kOne).product()) *
                      (array.codec.element_size + sizeof(BinCode));
-    // One chunk is decoded by itself or held, two are in the cache besides.
+    // One chunk is decoded directly or held, two more are in the cache.
     const std::uint64_t each = decode_heap(chunk) + 3 * chunk + box;
     require_memory(store.path().string(), options.memory, kLibraryHeap + each,
                    "this store's chunks");
@@ -52,7 +253,7 @@ Shares share(const StoreReader& store, const ArrayInfo& array, const HistogramOp
 
 class Counting {
   public:
-    /// `own_cubes`: they are counted with the nodes. `first_label`: see Histogram.
+    /// `own_cubes`: count cubes between the nodes. `first_label`: see Histogram.
     Counting(const StoreReader& store, const ArrayInfo& array, bool own_cubes,
              const ValueBins& bins, std::optional<std::int64_t> first_label, const Shares& shares,
              Progress& progress)
@@ -67,12 +268,12 @@ class Counting {
 
     void values() {
         ChunkCache cache(store_, shares_.cache);
-        Announcer announcer(store_, 0, array_.grid.product(),
-                            [&](std::int64_t i, std::vector<WantedChunk>& chunks) {
-                                chunks.push_back({&array_, array_.grid.unlinear(i)});
-                            });
+        Prefetcher prefetcher(store_, 0, array_.grid.product(),
+                              [&](std::int64_t i, std::vector<WantedChunk>& chunks) {
+                                  chunks.push_back({&array_, array_.grid.unlinear(i)});
+                              });
         for_all("histogram", array_.grid.product(), "chunks", [&](std::int64_t i) {
-            announcer.reach(std::min(last_needed(i), array_.grid.product() - 1));
+            prefetcher.reach(std::min(last_needed(i), array_.grid.product() - 1));
             dispatch(store_.layout().header().type, [&](auto tag) {
                 block<typename decltype(tag)::type>(cache, array_.grid.unlinear(i));
             });
@@ -102,7 +303,7 @@ class Counting {
     }
 
   private:
-    /// The last chunk in order of those that a block reaches into.
+    /// The last chunk, in order, that a block uses.
     [[nodiscard]] std::int64_t last_needed(std::int64_t i) const {
         const Int3& grid = array_.grid;
         return !own_cubes_ ? i : i + 1 + grid.x + grid.x * grid.y;
@@ -120,14 +321,14 @@ class Counting {
                  [&](std::int64_t /*i*/, std::int64_t /*same*/) { progress_.advance(1); });
     }
 
-    /// What the bins are of.
+    /// The number that is assigned to a bin.
     [[nodiscard]] double number_of(double value) const {
         return first_label_ ? static_cast<double>(static_cast<std::int64_t>(label_of_value(value)) -
                                                   *first_label_)
                             : value;
     }
 
-    /// The nodes of a chunk, and of the finest level the cubes that begin in it.
+    /// Counts the nodes of a chunk and, at the finest level, the cubes that start in it.
     template <class T>
     void block(ChunkCache& cache, const Int3& chunk) {
         const Int3 first = array_.first_node(chunk);
@@ -151,7 +352,7 @@ class Counting {
         ValueCounts& counts = counts_.local();
         counts.add_nodes(codes, own);
         if (own_cubes_) {
-            // None begins in the last node; along a flat axis they have no extent.
+            // No cube starts at the last node; along a flat axis cubes have no extent.
             Int3 cells = size - kOne;
             for (int axis = 0; axis < 3; ++axis) {
                 cells[axis] = nodes[axis] == 1 ? 1 : cells[axis];

@@ -1,23 +1,27 @@
-// Indicators that no store holds, computed from the values of a volume in memory.
+// Indicators that are not stored, computed from the values of a volume in memory.
 //
 // Source: Gerstner, Rumpf, Weikard (2000), section 4, eta_p and eta_{1,p} for any p, and two
 // quantities of section 3.
 #pragma once
 
 #include <array>
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <string_view>
 
 #include <isonest/field.h>
 #include <isonest/int3.h>
+#include <isonest/progress.h>
 
+#include "query/study/whole_lattice.h"
+#include "store/container/reader.h"
 #include "store/lattice/lattice.h"
 
 namespace isonest::detail {
 
-/// d is the offset, the difference between the value at the node and the mean of the values at the
-/// ends of its refinement edge.
+/// d is the offset: the value at the node minus the mean of the values at the ends of its
+/// refinement edge.
 enum class ComputedIndicator : std::uint8_t {
     lp,        ///< eta_p = |d| (sum of |T|)^(1/p) / (n + 1); |d| if p is infinite
     grad_lp,   ///< eta_{1,p} = |d| (integral of |grad hat|^p)^(1/p); |d| max |grad hat|
@@ -29,14 +33,14 @@ enum class ComputedIndicator : std::uint8_t {
 struct ComputedField {
     ComputedIndicator indicator = ComputedIndicator::lp;
     double power = 1;                      ///< of lp and grad_lp: at least 1, or infinite
-    std::optional<Saturation> saturation;  ///< nothing: as it is
+    std::optional<Saturation> saturation;  ///< nothing: not saturated
 };
 
-/// "lp:3", "grad_lp:1.5_bar", "lp:inf_plus", "gradient", "curvature_bar".
+/// Names such as "lp:3", "grad_lp:1.5_bar", "lp:inf_plus", "gradient", "curvature_bar".
 std::optional<ComputedField> computed_field_from_name(std::string_view name);
 std::string name_of(const ComputedField& field);
 
-/// By what |d| is multiplied for lp and grad_lp, for each kind of refinement node.
+/// The factor of |d| for lp and grad_lp, for each kind of refinement node.
 class OffsetFactors {
   public:
     /// REQUIRES: the indicator is one of the two; the lattice's dimension is at least 1.
@@ -50,10 +54,37 @@ class OffsetFactors {
     double power_;
     bool gradient_;
     int dimension_;
-    /// Per cube of edge 2 that touches a node of scale 1, by the bits of its odd axes: the size of
-    /// the elements that refine there, and the integral of |grad hat|^p, or the largest |grad hat|.
+    /// For a cube of edge 2 at a node of scale 1, by the bits of its odd axes: the size of the
+    /// elements that refine there, and the integral of |grad hat|^p, or the largest |grad hat|.
     std::array<double, 8> size_{};
     std::array<double, 8> hat_{};
 };
+
+// Fills a lattice with an indicator that is not stored.
+
+/// Sets the lattice's indicator at all refinement nodes of elements, including those outside the
+/// volume; +inf where the node or an end of its refinement edge is missing. Returns the largest
+/// finite one. Saturation is that of section 5 of the paper: from fine to coarse, within a level
+/// edges, faces, centres. The numbers are stored as float32 (nearest), so a saturated one is at
+/// least as large as those that it covers. The same for any number of threads, which are the
+/// arena's. Throws Error{cancelled}.
+double compute_indicator(WholeLattice& whole, const ComputedField& field, const Double3& spacing,
+                         Progress& progress);
+
+// Exports indicators that are not stored to plain volume files.
+
+struct ExportComputedOptions {
+    ComputedField field;
+    int level = 0;  ///< only nodes of this level or coarser; 0 or 1 = all
+    bool force = false;
+    std::uint64_t memory = std::uint64_t{256} << 20U;
+};
+
+/// Writes the indicator at the nodes of the finest lattice as float32, 0 at the macro vertices, not
+/// saturated if the field is not. The file type is given by the name: see create_volume_file().
+/// Throws Error{limit} if the lattice does not fit into the memory (about 20 bytes per node), and
+/// Error{invalid_argument, io, corrupt, cancelled}.
+void export_computed_field(const StoreReader& store, const std::filesystem::path& path,
+                           const ExportComputedOptions& options, Progress& progress);
 
 }  // namespace isonest::detail

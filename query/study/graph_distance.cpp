@@ -8,12 +8,12 @@
 #include <limits>
 #include <vector>
 
-#include "query/study/finest_elements.h"
+#include "query/study/true_error.h"
 
 namespace isonest::detail {
 namespace {
 
-constexpr std::size_t kMostVertices = 4;
+constexpr std::size_t kMaxVertices = 4;
 
 GraphPoint difference(const GraphPoint& a, const GraphPoint& b) {
     return {a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]};
@@ -23,14 +23,13 @@ double product(const GraphPoint& a, const GraphPoint& b) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
 }
 
-/// The weights of the vertices in the point of the affine hull that is nearest to p: the normal
-/// equations, by Cholesky's elimination.
-std::array<double, kMostVertices> hull_weights(const GraphPoint& p,
-                                               std::span<const GraphPoint> vertices) {
+/// The weights of the vertices at the point of the affine hull nearest to p: the normal equations,
+/// by Cholesky's elimination.
+std::array<double, kMaxVertices> hull_weights(const GraphPoint& p,
+                                              std::span<const GraphPoint> vertices) {
     const std::size_t n = vertices.size() - 1;
-    std::array<GraphPoint, kMostVertices - 1> edge{};
-    std::array<std::array<double, kMostVertices>, kMostVertices - 1>
-        m{};  // last column: right side
+    std::array<GraphPoint, kMaxVertices - 1> edge{};
+    std::array<std::array<double, kMaxVertices>, kMaxVertices - 1> m{};  // last column: right side
     const GraphPoint to = difference(p, vertices[0]);
     for (std::size_t i = 0; i < n; ++i) {
         edge[i] = difference(vertices[i + 1], vertices[0]);
@@ -49,7 +48,7 @@ std::array<double, kMostVertices> hull_weights(const GraphPoint& p,
             }
         }
     }
-    std::array<double, kMostVertices> weights{1};
+    std::array<double, kMaxVertices> weights{1};
     for (std::size_t i = n; i-- > 0;) {
         double sum = m[i][n];
         for (std::size_t j = i + 1; j < n; ++j) {
@@ -66,7 +65,7 @@ double squared_distance(const GraphPoint& p, std::span<const GraphPoint> vertice
         const GraphPoint d = difference(p, vertices[0]);
         return product(d, d);
     }
-    const std::array<double, kMostVertices> weights = hull_weights(p, vertices);
+    const std::array<double, kMaxVertices> weights = hull_weights(p, vertices);
     double best = std::numeric_limits<double>::infinity();
     bool inside = true;
     for (std::size_t i = 0; i < vertices.size(); ++i) {
@@ -74,7 +73,7 @@ double squared_distance(const GraphPoint& p, std::span<const GraphPoint> vertice
             continue;
         }
         inside = false;
-        std::array<GraphPoint, kMostVertices> facet{};
+        std::array<GraphPoint, kMaxVertices> facet{};
         std::size_t count = 0;
         for (std::size_t j = 0; j < vertices.size(); ++j) {
             if (j != i) {
@@ -110,21 +109,21 @@ class Graphs {
         }
         for (const std::size_t axis : walks_.front().axes) {
             step_[axis] = spacing[axis] / longest;
-            least_step_ = std::min(least_step_, step_[axis]);
+            min_step_ = std::min(min_step_, step_[axis]);
             flat_ &= ~(1U << axis);
         }
     }
 
-    /// The error in place: no point of a graph is further from the other.
+    /// The error at the node: no point of a graph is further from the other graph.
     [[nodiscard]] double error(const Int3& p) const {
         const double e = std::fabs(whole_.projected(p) - whole_.exact(p)) / range_;
         return std::isfinite(e) ? e : 0;
     }
-    /// From the point of one graph over p to the other graph; `enough` if it is no more than that.
+    /// Distance from the point of one graph at p to the other graph; `enough` if it is not larger.
     [[nodiscard]] double from(const Int3& p, bool of_data, double enough) const {
         const GraphPoint at = point(p, of_data);
         double best = error(p);
-        for (std::int64_t ring = 0; best > enough && static_cast<double>(ring) * least_step_ < best;
+        for (std::int64_t ring = 0; best > enough && static_cast<double>(ring) * min_step_ < best;
              ++ring) {
             const Int3 reach{ring, ring, ring};
             const Int3 low = max(p - reach - Int3{1, 1, 1}, {0, 0, 0});
@@ -150,7 +149,7 @@ class Graphs {
         at[3] = (of_data ? whole_.exact(p) : whole_.projected(p)) / range_;
         return at;
     }
-    /// The cells from `low` to `high` that are `ring` cells from those around p.
+    /// The cells from `low` to `high` that are `ring` cells away from those around p.
     template <class F>
     void for_shell(const Int3& p, std::int64_t ring, const Int3& low, const Int3& high,
                    const F& f) const {
@@ -224,7 +223,7 @@ class Graphs {
     std::vector<AxisWalk<D>> walks_;
     Int3 cells_;
     Double3 step_{};  ///< 0 along flat axes
-    double least_step_ = std::numeric_limits<double>::infinity();
+    double min_step_ = std::numeric_limits<double>::infinity();
     unsigned flat_ = 7;
 };
 
@@ -244,7 +243,7 @@ double distance_of(const WholeLattice& whole, const Double3& spacing, double ran
             }
         }
     };
-    // The node of the largest error first: after it few others can be the furthest.
+    // The node with the largest error comes first: then few others can be the furthest.
     Int3 first;
     for (std::int64_t i = 0; i < n.product(); ++i) {
         const Int3 p = n.unlinear(i);

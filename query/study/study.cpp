@@ -9,18 +9,17 @@
 
 #include <isonest/error.h>
 
-#include "query/study/compute_indicator.h"
+#include "query/study/computed_field.h"
 #include "query/study/graph_distance.h"
-#include "query/study/linear_power.h"
-#include "query/study/plane_error.h"
-#include "query/study/whole_cells.h"
+#include "query/study/true_error.h"
 #include "query/study/whole_lattice.h"
 #include "query/traverse/planar.h"
-#include "query/traverse/traversal_budget.h"
-#include "query/view/indicator_box.h"
-#include "query/view/label_view.h"
-#include "store/base/memory_budget.h"
+#include "query/traverse/traversal.h"
+#include "query/values/label_view.h"
+#include "query/values/node_sampler.h"
+#include "store/base/memory.h"
 #include "store/base/workers.h"
+#include "store/container/format.h"
 
 namespace isonest::detail {
 namespace {
@@ -47,7 +46,7 @@ TraversalQuery surface_query(const StoreReader& store, double iso, Field stop, d
     return query;
 }
 
-/// What that visits.
+/// Counts what that extraction visits.
 void count_surface(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
                    StudyRow& row) {
     const PartSink nowhere = [](std::uint64_t, const MeshPart&) {};
@@ -60,7 +59,7 @@ void count_surface(ChunkCache& cache, const TraversalQuery& query, std::size_t p
     row.iso_leaves = counts.leaves;
 }
 
-/// How the memory is shared; fewer threads run where there is little.
+/// Distribution of the memory; fewer threads are used if there is little.
 struct Shares {
     int threads = 1;
     std::uint64_t cache = 0;
@@ -71,14 +70,14 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
     const StoreLayout& layout = store.layout();
     const std::uint64_t nodes = WholeLattice::heap(layout);
     const std::uint64_t largest = largest_chunk_bytes(layout);
-    // One chunk is held, one is in the cache besides.
+    // One chunk is held, one more is in the cache.
     const std::uint64_t each = decode_heap(largest) + 2 * largest + kIndicatorBoxHeap;
     std::uint64_t least = each;
     for (const StudyField& field : options.fields) {
         if (options.iso) {
             const TraversalQuery query =
                 surface_query(store, *options.iso, std::get<Field>(field), 0);
-            least = std::max(least, least_heap(store, query, nullptr));
+            least = std::max(least, min_heap(store, query, nullptr));
         }
     }
     Shares shares;
@@ -91,16 +90,17 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
     shares.cache = usable - threads * (each - 2 * largest);
     if (options.iso) {
         for (const StudyField& field : options.fields) {
-            const TraversalBudget budget =
-                share_memory(store, surface_query(store, *options.iso, std::get<Field>(field), 0),
-                             nullptr, options.memory, nodes, shares.threads, false);
+            const TraversalBudget budget = share_memory(
+                store, surface_query(store, *options.iso, std::get<Field>(field), 0), nullptr,
+                MemoryShare(store.path().string(), options.memory, shares.threads).without(nodes),
+                false);
             shares = {budget.threads, std::min(shares.cache, budget.cache), budget.part_vertices};
         }
     }
     return shares;
 }
 
-/// Throws Error{invalid_argument} for what makes no sense.
+/// Throws Error{invalid_argument} for invalid options.
 void require_sense(const StoreLayout& layout, const StudyOptions& options) {
     for (const StudyField& field : options.fields) {
         if (const Field* const stored = std::get_if<Field>(&field)) {
@@ -134,9 +134,9 @@ void require_sense(const StoreLayout& layout, const StudyOptions& options) {
         throw Error(ErrorKind::invalid_argument,
                     "a study of a slice needs a volume with an extent along all three axes");
     }
-    if (options.power && !(*options.power >= 1 && *options.power <= kMostPower)) {
+    if (options.power && !(*options.power >= 1 && *options.power <= kMaxPower)) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("the power of a norm lies between 1 and {}", kMostPower));
+                    fmt::format("the power of a norm lies between 1 and {}", kMaxPower));
     }
     if (options.plane && (options.power || options.graphs)) {
         throw Error(ErrorKind::invalid_argument,
@@ -148,6 +148,25 @@ void require_sense(const StoreLayout& layout, const StudyOptions& options) {
     if (options.plane && options.iso) {
         throw Error(ErrorKind::invalid_argument,
                     "a study counts either what a slice visits or what an isosurface does");
+    }
+}
+
+/// Requires right-angled axes where lengths and gradients are used. Values, and volumes relative to
+/// the whole, do not depend on this.
+void require_shape(const StoreReader& store, const StudyOptions& options) {
+    const Directions& direction = store.layout().header().direction;
+    const std::string name = store.path().string();
+    const bool computes =
+        std::any_of(options.fields.begin(), options.fields.end(),
+                    [](const StudyField& f) { return std::holds_alternative<ComputedField>(f); });
+    for (const auto& [is_asked, what] :
+         {std::pair{options.power.has_value(), "the study of true errors"},
+          std::pair{options.graphs, "the distance of graphs"},
+          std::pair{options.plane.has_value(), "the study of a slice"},
+          std::pair{computes, "an indicator that is computed for the study"}}) {
+        if (is_asked) {
+            require_right_angles(direction, name, what);
+        }
     }
 }
 
@@ -168,6 +187,7 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
     const StoreLayout& layout = store.layout();
     require_numbers(store, "a study");
     require_sense(layout, options);
+    require_shape(store, options);
     std::optional<LatticePlane> plane;
     if (options.plane) {
         plane = lattice_plane(layout.header(), *options.plane);
@@ -208,7 +228,7 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
                                                             static_cast<double>(options.steps - 1));
                 const double threshold = row.threshold * largest;
                 row.nodes = cells ? project_on_cells(whole, threshold) : whole.project(threshold);
-                const VisitCounts counts = cells ? count_cells(whole, threshold)
+                const VisitCounts counts = cells ? whole.count_cells(threshold)
                                                  : whole.count(threshold, cut, options.threads);
                 row.visited = counts.visited;
                 row.leaves = counts.leaves;

@@ -7,32 +7,30 @@
 #include <optional>
 
 #include "query/traverse/each_leaf.h"
-#include "query/view/blocks.h"
-#include "query/view/indicator_box.h"
-#include "query/view/node_sampler.h"
-#include "store/container/announce/announcer.h"
-#include "store/container/gather.h"
+#include "query/traverse/hexahedra/hex_projection.h"
+#include "query/values/blocks.h"
+#include "query/values/node_sampler.h"
+#include "store/container/chunk_cache.h"
 
 namespace isonest::detail {
 namespace {
 
 constexpr std::uint64_t kBytesPerNode = 2 * sizeof(double) + sizeof(float);
 
-/// The cubes that begin inside the volume.
+/// The cubes that start inside the volume.
 struct CubesOfVolume {
     Int3 last;  ///< node
-    template <int D>
-    [[nodiscard]] Overlap overlap(const Element<D>& t) const {
+    template <class T>
+    [[nodiscard]] Overlap overlap(const T& t) const {
         const Int3 begin = t.bounds().first;
-        const bool outside =
-            t.kind == 0 && ((begin.x >= last.x && last.x > 0) ||
-                            (begin.y >= last.y && last.y > 0) || (begin.z >= last.z && last.z > 0));
+        const bool outside = t.is_whole() && ((begin.x >= last.x && last.x > 0) ||
+                                              (begin.y >= last.y && last.y > 0) ||
+                                              (begin.z >= last.z && last.z > 0));
         return outside ? Overlap::outside : Overlap::inside;
     }
 };
 
-/// Of those, the ones of which the plane cuts out an area; of those that have a face in it, the
-/// ones below.
+/// Those of which the plane cuts out an area; if a face is in the plane, only the cubes below.
 struct CutByPlane {
     CubesOfVolume cubes;
     LatticePlane plane;
@@ -56,15 +54,15 @@ struct CutByPlane {
 struct BelowThreshold {
     double threshold;
     [[nodiscard]] static std::optional<Field> field() { return Field::linf_bar; }
-    template <int D>
-    [[nodiscard]] bool stops(const Element<D>& /*t*/, double eta) const {
+    template <class T>
+    [[nodiscard]] bool stops(const T& /*t*/, double eta) const {
         return !(eta >= threshold);
     }
 };
 
 }  // namespace
 
-/// What AdaptTraverse is given.
+/// The numbers for AdaptTraverse.
 struct WholeLattice::Numbers {
     const WholeLattice* whole;
     [[nodiscard]] double value(const Int3& p, int /*level*/) const {
@@ -90,18 +88,18 @@ std::uint64_t WholeLattice::heap(const StoreLayout& layout) {
 void WholeLattice::load_values(ChunkCache& cache) {
     const ArrayInfo& array = layout_.array(0, Field::values);
     const Int3 grid = ceil_div(number_.dense(), array.chunk);
-    // Beyond the last chunk there are the nearest nodes.
-    Announcer announcer(cache, 0, grid.product(),
-                        [&](std::int64_t i, std::vector<WantedChunk>& chunks) {
-                            const Int3 chunk = grid.unlinear(i);
-                            if (array.has_chunk(chunk)) {
-                                chunks.push_back({&array, chunk});
-                            }
-                        });
+    // Beyond the last chunk the nearest nodes are used.
+    Prefetcher prefetcher(cache, 0, grid.product(),
+                          [&](std::int64_t i, std::vector<WantedChunk>& chunks) {
+                              const Int3 chunk = grid.unlinear(i);
+                              if (array.has_chunk(chunk)) {
+                                  chunks.push_back({&array, chunk});
+                              }
+                          });
     dispatch(layout_.header().type, [&](auto tag) {
         using T = typename decltype(tag)::type;
         const auto block = [&](const Int3& lo, const Int3& size) {
-            announcer.reach(grid.linear(array.chunk_of(lo)));
+            prefetcher.reach(grid.linear(array.chunk_of(lo)));
             Box<T> box(lo, size);
             gather_values(cache, array, box);
             for (std::int64_t i = 0; i < size.product(); ++i) {
@@ -136,8 +134,8 @@ double WholeLattice::load_indicator(ChunkCache& cache, Field field, Progress& pr
                      {end.x / stride, end.y / stride, end.z / stride}, chunks);
         }
     };
-    Announcer announcer(cache, 0, grid.product(), wanted);
-    for_each_announced(cache.source(), announcer, 0, grid.product(), [&](std::int64_t c) {
+    Prefetcher prefetcher(cache, 0, grid.product(), wanted);
+    for_each_prefetched(cache.source(), prefetcher, 0, grid.product(), [&](std::int64_t c) {
         progress.check();
         const Int3 i = grid.unlinear(c);
         const Int3 first{i.x * chunk.x, i.y * chunk.y, i.z * chunk.z};
@@ -157,7 +155,7 @@ double WholeLattice::load_indicator(ChunkCache& cache, Field field, Progress& pr
     return *std::max_element(largest.begin(), largest.end());
 }
 
-/// U where the mesh is refined, else the mean of the ends of the refinement edge.
+/// U where the mesh is refined, otherwise the mean of the ends of the refinement edge.
 std::uint64_t WholeLattice::project(double threshold) {
     return project_by([&](const Int3& p, const NodeInfo& node) -> std::optional<double> {
         const bool refined = static_cast<double>(eta_[at(p)]) >= threshold;
@@ -194,6 +192,17 @@ VisitCounts WholeLattice::count_elements(double threshold, int threads) const {
                             BelowThreshold{threshold}, {}, threads, silent_progress());
 }
 
+VisitCounts WholeLattice::count_cells(double threshold) const {
+    const Numbers numbers{this};
+    AdaptTraverse<Cell, const Numbers, CubesOfVolume, Everything, BelowThreshold> traversal(
+        numbers, {lattice_.nodes() - Int3{1, 1, 1}}, {}, {threshold});
+    auto nothing = [](const Cell&, double, Overlap) {};
+    for (const Cell& cell : traversal.roots(lattice_)) {
+        traversal.subtree(cell, nothing);
+    }
+    return traversal.counts();
+}
+
 ErrorNorms WholeLattice::measure(double range) const {
     ErrorNorms norms;
     const Int3 n = lattice_.nodes();
@@ -224,6 +233,50 @@ ErrorNorms WholeLattice::measure(double range) const {
     norms.l1 = weight_sum > 0 ? sum1 / weight_sum : 0;
     norms.l2 = weight_sum > 0 ? std::sqrt(sum2 / weight_sum) : 0;
     return norms;
+}
+
+namespace {
+
+bool is_refined(const WholeLattice& whole, int level, const Int3& cell, double threshold) {
+    return level > 0 && static_cast<double>(
+                            whole.indicator(whole.lattice().centre_of(level, cell))) >= threshold;
+}
+
+}  // namespace
+
+double load_cell_numbers(WholeLattice& whole, ChunkCache& cache, Field field, Progress& progress) {
+    const Lattice& lattice = whole.lattice();
+    double largest = 0;
+    for (int level = 1; level <= lattice.top(); ++level) {
+        const Int3 cells = lattice.elements_at(level);
+        std::vector<double> of_layer(static_cast<std::size_t>(cells.z), 0);
+        tbb::parallel_for(std::int64_t{0}, cells.z, [&](std::int64_t z) {
+            progress.check();
+            NodeSampler sampler(cache);
+            double most = 0;
+            for (std::int64_t i = 0; i < cells.x * cells.y; ++i) {
+                const Int3 centre = lattice.centre_of(level, {i % cells.x, i / cells.x, z});
+                const double number = sampler.indicator(centre, field);
+                whole.set_indicator(centre, static_cast<float>(number));
+                most = std::isfinite(number) ? std::max(most, number) : most;
+            }
+            of_layer[static_cast<std::size_t>(z)] = most;
+        });
+        largest = std::max(largest, *std::max_element(of_layer.begin(), of_layer.end()));
+    }
+    return largest;
+}
+
+std::uint64_t project_on_cells(WholeLattice& whole, double threshold) {
+    const auto stops = [&](int level, const Int3& cell) {
+        return !is_refined(whole, level, cell, threshold);
+    };
+    const auto projected = [&](const Int3& p) { return whole.projected(p); };
+    return whole.project_by([&](const Int3& p, const NodeInfo& node) {
+        return hangs(whole.lattice(), p, node, stops)
+                   ? std::optional(mean_of_corners(p, node, projected))
+                   : std::nullopt;
+    });
 }
 
 }  // namespace isonest::detail

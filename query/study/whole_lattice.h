@@ -1,25 +1,86 @@
-// U, its projection P U on an adaptive mesh, and an indicator, in all nodes of a volume in memory.
+// U, its projection P U on an adaptive mesh, and an indicator, at all nodes of a volume in memory.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 2: P U is U at the nodes that are refined, and
-// the mean of the ends of the refinement edge at all others.
+// Source: Gerstner, Rumpf, Weikard (2000), section 2: P U is U at the refined nodes, and the mean
+// of the ends of the refinement edge at all others.
 #pragma once
 
 #include <oneapi/tbb/parallel_for.h>
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <vector>
 
+#include <isonest/int3.h>
 #include <isonest/progress.h>
 
-#include "query/study/node_index.h"
 #include "query/traverse/adapt_traverse.h"
-#include "query/traverse/lattice_plane.h"
+#include "query/traverse/interest.h"
 #include "store/container/chunk_cache.h"
+#include "store/lattice/lattice.h"
 
 namespace isonest::detail {
 
-/// Norms of P U - U, relative to a range of values and to the size of what they are taken over.
+// Numbers for all nodes of elements of the nested grid.
+
+/// The nodes of elements, including those outside the volume. Level L's cubes tile the volume, so
+/// their extent grows with L: there are few nodes beyond those of level 1's cubes, and only on
+/// coarse levels.
+class NodeIndex {
+  public:
+    explicit NodeIndex(const Lattice& lattice) {
+        for (int level = std::min(1, lattice.top()); level <= lattice.top(); ++level) {
+            const Int3 last = lattice.cells_at(level) * (std::int64_t{1} << level);
+            if (regions_.empty() || last != regions_.back().last) {
+                const std::int64_t scale = level > 0 ? std::int64_t{1} << (level - 1) : 1;
+                const Int3 size =
+                    Int3{last.x / scale, last.y / scale, last.z / scale} + Int3{1, 1, 1};
+                regions_.push_back({last, size, scale, count_});
+                count_ += static_cast<std::size_t>(size.product());
+            }
+        }
+    }
+    [[nodiscard]] std::size_t count() const { return count_; }
+    /// REQUIRES: the node belongs to an element.
+    [[nodiscard]] std::size_t of(const Int3& p) const {
+        const Region* region = regions_.data();
+        while (max(p, region->last) != region->last) {
+            ++region;
+        }
+        return region->first +
+               static_cast<std::size_t>(region->size.linear(
+                   {p.x / region->scale, p.y / region->scale, p.z / region->scale}));
+    }
+    /// The size of the dense lattice of all nodes of level 1's cubes.
+    [[nodiscard]] const Int3& dense() const { return regions_.front().size; }
+    /// Calls f(p) for all other nodes.
+    template <class F>
+    void for_others(const F& f) const {
+        for (std::size_t r = 1; r < regions_.size(); ++r) {
+            const Int3& nearer = regions_[r - 1].last;
+            for (std::int64_t i = 0; i < regions_[r].size.product(); ++i) {
+                const Int3 p = regions_[r].size.unlinear(i) * regions_[r].scale;
+                if (max(p, nearer) != nearer) {
+                    f(p);
+                }
+            }
+        }
+    }
+
+  private:
+    /// Multiples of `scale` up to `last`.
+    struct Region {
+        Int3 last;
+        Int3 size;
+        std::int64_t scale;
+        std::size_t first;
+    };
+    std::vector<Region> regions_;
+    std::size_t count_ = 0;
+};
+
+/// Norms of P U - U, relative to a range of values and to the size of the domain.
 struct ErrorNorms {
     double l1 = 0;
     double l2 = 0;
@@ -30,32 +91,34 @@ class WholeLattice {
   public:
     explicit WholeLattice(const StoreLayout& layout);
 
-    /// Bytes that it takes.
+    /// Size in bytes.
     static std::uint64_t heap(const StoreLayout& layout);
 
     /// Throws what ChunkCache throws.
     void load_values(ChunkCache& cache);
     /// Returns the largest finite value. Throws what ChunkCache throws, and Error{cancelled}.
     double load_indicator(ChunkCache& cache, Field field, Progress& progress);
-    /// P U of the mesh that refines the nodes whose indicator is at least `threshold`. Returns the
-    /// number of its nodes in the volume.
+    /// Computes P U of the mesh that refines the nodes whose indicator is at least `threshold`.
+    /// Returns the number of its nodes in the volume.
     std::uint64_t project(double threshold);
 
-    /// The elements of that mesh, those too that reach out of the volume; with a plane those that
-    /// it cuts. `threads`: 0 = as many as the machine has. REQUIRES: a plane in a volume alone.
+    /// Counts the elements of that mesh, including those that extend beyond the volume; with a
+    /// plane, those that it cuts. `threads`: 0 = all cores. REQUIRES: a plane only in a volume.
     [[nodiscard]] VisitCounts count(double threshold, const LatticePlane* plane, int threads) const;
-    /// By the nodes of the finest lattice (the trapezoidal rule), without missing data.
+    /// The same for cells; their indicators are those at their centres.
+    [[nodiscard]] VisitCounts count_cells(double threshold) const;
+    /// Norms at the nodes of the finest lattice (the trapezoidal rule), without missing data.
     [[nodiscard]] ErrorNorms measure(double range) const;
 
     [[nodiscard]] const Lattice& lattice() const { return lattice_; }
     [[nodiscard]] double exact(const Int3& p) const { return exact_[number_.of(p)]; }
     [[nodiscard]] float indicator(const Int3& p) const { return eta_[number_.of(p)]; }
-    /// At different nodes from different threads.
+    /// May be called for different nodes from different threads.
     void set_indicator(const Int3& p, float eta) { eta_[number_.of(p)] = eta; }
     [[nodiscard]] double projected(const Int3& p) const { return projected_[number_.of(p)]; }
-    /// From coarse to fine: sets P U to U in the corners of the coarsest cube, and at all other
-    /// nodes that elements reach to what `interpolated(p, node)` makes of P U at coarser ones, or
-    /// to U where that gives nothing. Returns at how many of the volume it is U.
+    /// From coarse to fine: sets P U to U at the corners of the coarsest cube, and at all other
+    /// nodes of elements to `interpolated(p, node)`, computed from P U at coarser nodes, or to U if
+    /// that returns nothing. Returns the number of the volume's nodes where it is U.
     template <class Interpolated>
     std::uint64_t project_by(const Interpolated& interpolated);
 
@@ -75,7 +138,7 @@ class WholeLattice {
 
 template <class Interpolated>
 std::uint64_t WholeLattice::project_by(const Interpolated& interpolated) {
-    // The corners first, by themselves: nodes in other planes are projected from them.
+    // The corners come first: nodes in other planes are projected from them.
     const Int3 far = lattice_.cells_at(lattice_.top()) * (std::int64_t{1} << lattice_.top());
     const Int3 last = lattice_.nodes() - Int3{1, 1, 1};
     std::uint64_t nodes = 0;
@@ -111,5 +174,21 @@ std::uint64_t WholeLattice::project_by(const Interpolated& interpolated) {
     }
     return nodes;
 }
+
+// The adaptive grid of hexahedra (quadrilaterals, edges) on a volume in memory, and P U on it.
+//
+// Source: Gerstner, Rumpf, Weikard (2000), sections 1 and 2: P U is U at the nodes that do not
+// hang, and d-linear between the corners of a cell that is not refined.
+
+/// Sets the lattice's indicator at the centres of the cells of all levels from 1 on to the cells'
+/// numbers. Returns the largest finite one. The same for any number of threads, which are the
+/// arena's. REQUIRES: is_of_cells(field); the store has it. Throws what ChunkCache throws, and
+/// Error{cancelled}.
+double load_cell_numbers(WholeLattice& whole, ChunkCache& cache, Field field, Progress& progress);
+
+/// Computes P U of the grid that refines the cells whose number is at least `threshold`, at all
+/// nodes. Returns the number of the grid's nodes in the volume that do not hang. REQUIRES: the
+/// numbers of cells are loaded.
+std::uint64_t project_on_cells(WholeLattice& whole, double threshold);
 
 }  // namespace isonest::detail

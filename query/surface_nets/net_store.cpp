@@ -7,13 +7,86 @@
 
 #include <isonest/mesh_sink.h>
 
-#include "query/surface_nets/net_cell.h"
-#include "store/base/aligned.h"
+#include "query/surface_nets/net_block.h"
+#include "store/base/memory.h"
 
 namespace isonest::detail {
+
+void NetPiece::begin(std::int64_t number) {
+    // Frees many small lists, so that the next piece does not hold them for other labels.
+    constexpr std::size_t kKept = 64;
+    number_ = number;
+    positions_.clear();
+    codes_.clear();
+    quads_.clear();
+    sides_.clear();
+    no_area_ = 0;
+    shared_.clear();
+    if (labels_.size() > kKept) {
+        labels_ = {};
+        place_ = {};
+    }
+    place_.clear();
+    used_ = 0;
+    last_ = 0;
+}
+
+std::uint32_t NetPiece::add_vertex(std::uint16_t code, const std::array<float, 3>& position) {
+    positions_.push_back(position);
+    codes_.push_back(code);
+    return static_cast<std::uint32_t>(positions_.size() - 1);
+}
+
+LabelPart& NetPiece::part_of(std::int64_t label) {
+    if (last_ < used_ && labels_[last_].label == label) {
+        return labels_[last_];
+    }
+    const auto [found, is_new] = place_.try_emplace(label, used_);
+    last_ = found->second;
+    if (is_new) {
+        if (used_ == labels_.size()) {
+            labels_.emplace_back();
+        }
+        LabelPart& part = labels_[used_++];
+        part.label = label;
+        part.moved = 0;
+        part.no_area = 0;
+        part.vertices.clear();
+        part.quads.clear();
+    }
+    return labels_[last_];
+}
+
+void NetPiece::add_to_label(std::int64_t label, std::uint32_t vertex, float moved) {
+    LabelPart& part = part_of(label);
+    const std::array<float, 3>& p = positions_[vertex];
+    if (part.vertices.empty()) {
+        part.lo = part.hi = p;
+    }
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        part.lo[axis] = std::min(part.lo[axis], p[axis]);
+        part.hi[axis] = std::max(part.hi[axis], p[axis]);
+    }
+    part.moved = std::max(part.moved, moved);
+    part.vertices.push_back(static_cast<std::uint16_t>(vertex));
+}
+
+std::uint32_t NetPiece::add_quad(const NetQuad& quad, std::uint32_t no_area) {
+    quads_.push_back(quad);
+    no_area_ += no_area;
+    return static_cast<std::uint32_t>(quads_.size() - 1);
+}
+
+void NetPiece::add_quad_to_label(std::int64_t label, std::uint32_t quad, bool reversed,
+                                 std::uint32_t no_area) {
+    LabelPart& part = part_of(label);
+    part.quads.push_back(quad | (reversed ? LabelPart::kReversed : 0));
+    part.no_area += no_area;
+}
+
 namespace {
 
-/// Where the lists of a piece begin, in bytes from its start; then come the labels' parts.
+/// The start of each list of a piece, in bytes from its start; the labels' parts follow.
 struct PieceLists {
     std::uint64_t codes;
     std::uint64_t quads;
@@ -26,7 +99,7 @@ struct PieceLists {
           end(sides + (has_sides ? quad_count * sizeof(NetSides) : 0)) {}
 };
 
-/// The same of a part.
+/// The same for a part.
 std::uint64_t quads_of_part(std::uint64_t vertices) {
     return aligned(vertices * sizeof(std::uint16_t));
 }
@@ -38,10 +111,10 @@ void put(std::span<std::byte> bytes, std::uint64_t at, const List& list) {
     }
 }
 
-/// One record for each pair of labels, with the sum of what they share.
+/// One record for each pair of labels, with the sum of their shared areas.
 std::vector<SharedRecord> summed(const NetPiece& piece) {
     std::vector<SharedArea> all(piece.shared().begin(), piece.shared().end());
-    // Equal pairs stay in their order, in which they are always summed.
+    // Equal pairs stay in order, so that sums are always computed in the same order.
     std::stable_sort(all.begin(), all.end(), [](const SharedArea& a, const SharedArea& b) {
         return a.label != b.label ? a.label < b.label : a.other < b.other;
     });
@@ -57,7 +130,7 @@ std::vector<SharedRecord> summed(const NetPiece& piece) {
     return sums;
 }
 
-/// Without its place.
+/// Without its position in the file.
 NetPieceRecord record_of(const NetPiece& piece) {
     NetPieceRecord r;
     r.piece = piece.number();

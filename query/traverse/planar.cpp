@@ -4,219 +4,203 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <optional>
-#include <span>
 #include <type_traits>
 #include <vector>
 
-#include "query/traverse/adapt_traverse.h"
-#include "query/traverse/element_tests.h"
-#include "query/traverse/far/element_scout.h"
-#include "query/traverse/height_rounding.h"
-#include "query/traverse/subtree_walk.h"
-#include "query/view/node_sampler.h"
+#include "query/traverse/each_leaf.h"
+#include "query/traverse/hexahedra/cell_needs.h"
+#include "query/traverse/remote/look_ahead.h"
+#include "query/values/node_sampler.h"
 
 namespace isonest::detail {
 namespace {
 
-/// Collects what the leaves hold as parts of a mesh. One per thread.
-class PlanarAction {
-  public:
-    PlanarAction(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
-                 const PartSink& sink, Progress& progress)
-        : attributes_(query.attributes, cache, query.attribute_values),
-          parts_(query.box, part_vertices, sink, progress),
-          crossing_(cache, query.iso),
-          mesh_(&attributes_, false, query.vertices == VertexPlace::exact ? &crossing_ : nullptr) {}
-    PlanarAction(const PlanarAction&) = delete;
-    PlanarAction& operator=(const PlanarAction&) = delete;
-
-    void begin(std::uint64_t subtree) { parts_.begin(subtree); }
-    void flush() { parts_.flush(mesh_); }
-    /// Of the leaves that were complete.
-    [[nodiscard]] TraversalCounts counts() const {
-        TraversalCounts counts = counts_;
-        counts.value_rounding.add(attributes_.value_rounding());
-        return counts;
-    }
-
-  protected:
-    /// The corners of a leaf, which is counted; nothing if a value is missing.
-    std::optional<std::array<Corner, 3>> corners_of(const Element<2>& leaf, double eta) {
-        if (!leaf.is_complete()) {
-            return std::nullopt;
+/// Maximum rounding error of the heights scale * value in float32; if the box cuts the triangle,
+/// also of heights in between.
+double height_rounding(const std::array<Corner, 3>& corners, double scale, bool cut) {
+    double most = 0;
+    for (const Corner& corner : corners) {
+        const double height = scale * corner.value;
+        const auto stored = static_cast<float>(height);
+        most = std::max(most, std::fabs(static_cast<double>(stored) - height) +
+                                  std::fabs(std::fma(scale, corner.value, -height)));
+        if (cut) {
+            const float size = std::fabs(stored);
+            const float next = std::nextafter(size, std::numeric_limits<float>::infinity());
+            most = std::max(most, static_cast<double>(next) - static_cast<double>(size));
         }
-        ++counts_.leaves;
-        counts_.error_bound = std::max(counts_.error_bound, eta);
-        std::array<Corner, 3> corners;
-        for (std::size_t i = 0; i < 3; ++i) {
-            corners[i] = {leaf.v[i], leaf.value[i]};
-        }
-        return corners;
     }
-    void flush_if_full() { parts_.flush_if_full(mesh_); }
+    return most;
+}
 
-  private:
-    AttributeSampler attributes_;
-    SubtreeParts parts_;
-    FinestCrossing crossing_;
+/// The corners of a leaf; nothing if a value is missing.
+std::optional<std::array<Corner, 3>> corners_of(const Element<2>& leaf) {
+    if (!leaf.is_complete()) {
+        return std::nullopt;
+    }
+    std::array<Corner, 3> corners;
+    for (std::size_t i = 0; i < 3; ++i) {
+        corners[i] = {leaf.v[i], leaf.value[i]};
+    }
+    return corners;
+}
 
-  protected:
-    TraversalCounts counts_;
-    LocalMesh mesh_;
-};
-
-class MarchLines : public PlanarAction {
+class MarchLines : public SubtreeMesh {
   public:
-    MarchLines(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
-               const PartSink& sink, Progress& progress)
-        : PlanarAction(cache, query, part_vertices, sink, progress), iso_(query.iso) {}
+    explicit MarchLines(TraversalRun& run) : SubtreeMesh(run), numbers_(run.cache) {}
+
+    [[nodiscard]] NodeSampler& numbers() { return numbers_; }
     void operator()(const Element<2>& leaf, double eta, Overlap where) {
-        if (const auto corners = corners_of(leaf, eta)) {
-            mesh_.march_line(*corners, iso_, where == Overlap::crossing);
+        if (const auto corners = corners_of(leaf)) {
+            count_leaf(eta);
+            mesh_.march_line(*corners, run_.query.iso, where == Overlap::crossing);
             flush_if_full();
         }
     }
 
   private:
-    double iso_;
+    NodeSampler numbers_;
 };
 
-class AddGraph : public PlanarAction {
+/// Common part of graphs over all elements.
+class GraphMesh : public SubtreeMesh {
   public:
-    AddGraph(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
-             const PartSink& sink, Progress& progress)
-        : PlanarAction(cache, query, part_vertices, sink, progress),
-          scale_(query.attributes.graph_scale.value_or(1)) {}
-    void operator()(const Element<2>& leaf, double eta, Overlap where) {
-        if (const auto corners = corners_of(leaf, eta)) {
-            const bool cut = where == Overlap::crossing;
-            mesh_.add_graph(*corners, cut);
-            counts_.height_rounding =
-                std::max(counts_.height_rounding, height_rounding(*corners, scale_, cut));
-            flush_if_full();
-        }
+    explicit GraphMesh(TraversalRun& run)
+        : SubtreeMesh(run), scale_(run.query.attributes.graph_scale.value_or(1)) {}
+
+  protected:
+    void add_triangle(const std::array<Corner, 3>& corners, bool cut) {
+        mesh_.add_graph(corners, cut);
+        counts_.height_rounding =
+            std::max(counts_.height_rounding, height_rounding(corners, scale_, cut));
     }
 
   private:
     double scale_;
 };
 
-/// One thread's traversal and what it does with the leaves.
-template <class Interest, class Action>
-class PlanarWorker {
+class TriangleGraph : public GraphMesh {
   public:
-    PlanarWorker(ChunkCache& cache, const TraversalQuery& query, const Interest& interest,
-                 std::size_t part_vertices, const PartSink& sink, Progress& progress)
-        : numbers_(cache),
-          traversal_(numbers_, InBox{query.box}, interest, StopsBelow{query.tolerance, query.stop}),
-          action_(cache, query, part_vertices, sink, progress),
-          progress_(progress) {}
-    PlanarWorker(const PlanarWorker&) = delete;
-    PlanarWorker& operator=(const PlanarWorker&) = delete;
+    explicit TriangleGraph(TraversalRun& run) : GraphMesh(run), numbers_(run.cache) {}
 
-    void begin(std::uint64_t subtree) {
-        finished_ = traversal_.counts().finished;
-        action_.begin(subtree);
-    }
-    void flush() {
-        action_.flush();
-        progress_.advance(traversal_.counts().finished - finished_);
-    }
-    [[nodiscard]] std::vector<Element<2>> roots(const Lattice& lattice) {
-        return traversal_.roots(lattice);
-    }
-    void above(const Lattice& lattice, int level_left, std::vector<Element<2>>& left) {
-        for (const Element<2>& t : traversal_.roots(lattice)) {
-            traversal_.above(t, level_left, action_, left);
+    [[nodiscard]] NodeSampler& numbers() { return numbers_; }
+    void operator()(const Element<2>& leaf, double eta, Overlap where) {
+        if (const auto corners = corners_of(leaf)) {
+            count_leaf(eta);
+            add_triangle(*corners, where == Overlap::crossing);
+            flush_if_full();
         }
-    }
-    void subtree(const Element<2>& t) { traversal_.subtree(t, action_); }
-    [[nodiscard]] TraversalCounts counts() const {
-        TraversalCounts counts = action_.counts();
-        counts.visited = traversal_.counts().visited;
-        return counts;
     }
 
   private:
     NodeSampler numbers_;
-    AdaptTraverse<2, NodeSampler, InBox, Interest, StopsBelow> traversal_;
-    Action action_;
-    Progress& progress_;
-    std::uint64_t finished_ = 0;  ///< before the subtree
 };
 
-/// What the vertices of a leaf are made from.
-class LeafEdges {
+/// Corners and midpoints of edges, counterclockwise from the low corner, in half edges.
+constexpr std::array<Int3, 8> kAround{
+    {{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {2, 1, 0}, {2, 2, 0}, {1, 2, 0}, {0, 2, 0}, {0, 1, 0}}};
+
+class QuadrilateralGraph : public GraphMesh {
   public:
-    LeafEdges(ChunkCache& cache, const TraversalQuery& query, bool is_graph)
-        : needs_(cache, query), is_graph_(is_graph) {}
-    void operator()(const Element<2>& leaf, Wants& wants) {
-        if (!leaf.is_complete()) {
-            return;
-        }
-        for (std::size_t i = 0; i < 3; ++i) {
-            const std::size_t next = (i + 1) % 3;
-            if (is_graph_) {
-                needs_.node(leaf.v[i], wants);
-            } else {
-                needs_.edge(leaf.v[i], leaf.value[i], leaf.v[next], leaf.value[next], wants);
+    explicit QuadrilateralGraph(TraversalRun& run)
+        : GraphMesh(run),
+          is_finest_(run.query.tolerance.is_zero()),
+          projection_(run.cache, run.query.stop, run.query.tolerance.threshold()) {}
+
+    [[nodiscard]] HexProjection& numbers() { return projection_; }
+    void operator()(const Cell& cell, double number, Overlap where) {
+        const bool cut = where == Overlap::crossing;
+        std::array<Corner, 8> around;
+        std::size_t count = 0;
+        for (std::size_t i = 0; i < 8; ++i) {
+            const Int3& o = kAround[i];
+            const bool corner = i % 2 == 0;
+            if (!corner && (is_finest_ || cell.level == 0 ||
+                            !projection_.is_refined(cell.level, cell.at + o - Int3{1, 1, 0}))) {
+                continue;
+            }
+            const Int3 twice = (cell.at * 2 + o) * cell.edge();
+            const Int3 node{twice.x / 2, twice.y / 2, 0};
+            around[count++] = {node, value(node)};
+            if (!std::isfinite(around[count - 1].value)) {
+                return;
             }
         }
+        count_leaf(number);
+        if (count == 4) {
+            const bool first = std::fabs(around[0].value - around[2].value) <=
+                               std::fabs(around[1].value - around[3].value);
+            const std::size_t a = first ? 0 : 1;
+            add_triangle({around[a], around[a + 1], around[a + 2]}, cut);
+            add_triangle({around[a], around[a + 2], around[(a + 3) % 4]}, cut);
+        } else {
+            const Corner centre = centre_of(cell);
+            for (std::size_t i = 0; i < count; ++i) {
+                add_triangle({centre, around[i], around[(i + 1) % count]}, cut);
+            }
+        }
+        flush_if_full();
+    }
+    [[nodiscard]] TraversalCounts counts() const {
+        TraversalCounts counts = SubtreeMesh::counts();
+        counts.stopped_at = std::max(counts.stopped_at, projection_.largest_number());
+        return counts;
     }
 
   private:
-    EdgeNeeds needs_;
-    bool is_graph_;
+    [[nodiscard]] double value(const Int3& node) {
+        return is_finest_ ? projection_.value(node, 0) : projection_.projected(node);
+    }
+
+    /// The centre of the bilinear function.
+    [[nodiscard]] Corner centre_of(const Cell& cell) {
+        double sum = 0;
+        for (std::size_t i = 0; i < 8; i += 2) {
+            const Int3& o = kAround[i];
+            sum += projection_.projected((cell.at + Int3{o.x / 2, o.y / 2, 0}) * cell.edge());
+        }
+        return {projection_.lattice().centre_of(cell.level, cell.at), sum / 4};
+    }
+
+    bool is_finest_;  ///< everything is refined to the finest level, and no field is needed
+    HexProjection projection_;
 };
 
-/// The store's fields that the tests ask for.
-template <class Interest>
-std::vector<Field> asked_fields(const Interest& interest, const TraversalQuery& query) {
-    std::vector<Field> fields;
-    if (const auto field = interest.field()) {
-        fields.push_back(*field);
-    }
-    if (!query.tolerance.is_zero()) {
-        fields.push_back(query.stop);
-    }
-    return fields;
-}
-
-template <class Interest>
-using PlanarScout = ElementScout<2, NodeSampler, InBox, Interest, StopsBelow, LeafEdges>;
-
-/// Levels below the coarsest at which the subtrees begin that are the threads' work: at most 2 *
-/// 4^5 of them.
+/// Number of levels below the coarsest at which the threads' subtrees start: at most 2 * 4^5 of
+/// them.
 constexpr int kTopLevels = 5;
 
+/// Traverses triangles.
 template <class Action, class Interest>
-TraversalCounts run(ChunkCache& cache, const TraversalQuery& query, const Interest& interest,
-                    std::size_t part_vertices, const PartSink& sink, Progress& progress) {
-    const Lattice& lattice = cache.source().layout().lattice();
-    const int level_left = std::max(lattice.top() - kTopLevels, 0);
-    const bool is_graph = std::is_same_v<Action, AddGraph>;
-    using Worker = PlanarWorker<Interest, Action>;
-    const auto look = [&](std::span<const Element<2>> subtrees, int coarsest, int finest) {
-        return look_ahead(cache, query.attribute_values, subtrees, coarsest, finest, true, [&] {
-            return PlanarScout<Interest>(
-                cache.source().layout(), NodeSampler(cache), InBox{query.box}, interest,
-                StopsBelow{query.tolerance, query.stop}, asked_fields(interest, query),
-                LeafEdges(cache, query, is_graph));
+TraversalCounts traverse_triangles(TraversalRun& run, const Interest& interest, LeafReads reads) {
+    const StopsBelow stop{run.query.tolerance, run.query.stop};
+    std::vector<Field> asked;
+    for (const std::optional<Field>& field : {interest.field(), stop.field()}) {
+        if (field) {
+            asked.push_back(*field);
+        }
+    }
+    return traverse_subtrees<Element<2>>(
+        run, interest, stop, kTopLevels, [&] { return Action(run); },
+        [&] {
+            return element_scout<Element<2>>(NodeSampler(run.cache), InBox{run.query.box}, interest,
+                                             stop,
+                                             SimplexNeeds(run.cache, run.query, asked, reads));
         });
-    };
-    return walk_subtrees<Element<2>>(
-        cache.source().is_far(),
-        [&] { return Worker(cache, query, interest, part_vertices, sink, progress); },
-        [&](Worker& worker, std::vector<Element<2>>& left) {
-            if (cache.source().is_far()) {
-                const std::vector<Element<2>> roots = worker.roots(lattice);
-                look(roots, lattice.top(), level_left + 1);
-            }
-            worker.above(lattice, level_left, left);
-        },
-        [](Worker& worker, const Element<2>& t) { worker.subtree(t); },
-        [&](std::span<const Element<2>> subtrees) { return look(subtrees, level_left, 0); });
+}
+
+TraversalCounts traverse_quadrilaterals(TraversalRun& run) {
+    const StopsBelow stop{run.query.tolerance, run.query.stop};
+    return traverse_subtrees<Cell>(
+        run, Everything{}, stop, kTopLevels, [&] { return QuadrilateralGraph(run); },
+        [&] {
+            return element_scout<Cell>(
+                HexProjection(run.cache, run.query.stop, run.query.tolerance.threshold()),
+                InBox{run.query.box}, Everything{}, stop,
+                CellNeeds(run.layout(), run.query, false));
+        });
 }
 
 }  // namespace
@@ -224,15 +208,14 @@ TraversalCounts run(ChunkCache& cache, const TraversalQuery& query, const Intere
 TraversalCounts traverse_planar(ChunkCache& cache, const TraversalQuery& query, PlanarKind kind,
                                 std::size_t part_vertices, const PartSink& sink,
                                 Progress& progress) {
-    const StoreLayout& layout = cache.source().layout();
-    const std::uint64_t edge = std::uint64_t{1} << static_cast<unsigned>(layout.lattice().top());
-    progress.begin("extract", 2 * edge * edge, "");
-    if (kind == PlanarKind::graph) {
-        return run<AddGraph>(cache, query, Everything{}, part_vertices, sink, progress);
+    TraversalRun run(cache, query, part_vertices, sink, progress);
+    if (kind == PlanarKind::isolines) {
+        const HoldsIsovalue interest{query.iso, query.bound, run.layout().header().steps()};
+        return traverse_triangles<MarchLines>(run, interest, LeafReads::edges);
     }
-    return run<MarchLines>(cache, query,
-                           HoldsIsovalue{query.iso, query.bound, layout.header().spacing},
-                           part_vertices, sink, progress);
+    return query.cells == Cells::hexahedra
+               ? traverse_quadrilaterals(run)
+               : traverse_triangles<TriangleGraph>(run, Everything{}, LeafReads::nodes);
 }
 
 }  // namespace isonest::detail

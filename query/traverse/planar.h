@@ -1,22 +1,27 @@
-// AdaptTraverse on nested triangles: stores with one flat axis.
+// AdaptTraverse on nested triangles and quadrilaterals, for stores with one flat axis.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), sections 2 and 5, in two dimensions: the paper's own
-// first examples are a map and a concentration on a square.
+// Source: Gerstner, Rumpf, Weikard (2000), sections 1, 2 and 5, in two dimensions: the first
+// examples of the paper are a map and a concentration on a square.
 #pragma once
 
 #include "query/traverse/traversal.h"
 
 namespace isonest::detail {
 
-/// What to make of the triangles.
+/// What to make from the elements.
 enum class PlanarKind {
-    isolines,  ///< {U = iso}: parts of lines, as triangles whose last two corners are equal
+    isolines,  ///< {U = iso}: line segments, as triangles whose last two corners are equal
     graph      ///< the surface z = U over the plane
 };
 
-/// Visits all triangles that may hold what is asked for. Nodes with missing values cut holes. A
-/// graph's third coordinate is U itself. Deterministic. REQUIRES: the lattice has
-/// dimension 2, and for a graph its flat axis is z. Throws as traverse() does.
+/// Visits all elements that may contain the requested surface: triangles or, for a graph with
+/// hexahedra as the query's cells, quadrilaterals. Quadrilaterals give the surface z = P U as
+/// triangles whose corners are nodes: a cell without smaller neighbours is split along the diagonal
+/// whose ends differ least, other cells into triangles around their centre. So there are no cracks;
+/// the error bound is that of P U, which is bilinear in a cell. Nodes with missing values leave
+/// holes. A graph's third coordinate is U itself. Deterministic. REQUIRES: the lattice has
+/// dimension 2, and for a graph its flat axis is z; for quadrilaterals the tolerance is the same
+/// everywhere. Throws as traverse() does.
 TraversalCounts traverse_planar(ChunkCache& cache, const TraversalQuery& query, PlanarKind kind,
                                 std::size_t part_vertices, const PartSink& sink,
                                 Progress& progress);

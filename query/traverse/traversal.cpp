@@ -1,186 +1,179 @@
 #include "query/traverse/traversal.h"
 
-#include <oneapi/tbb/task_group.h>
-
 #include <algorithm>
 #include <bit>
-#include <bitset>
-#include <cmath>
 #include <iterator>
 #include <memory>
 
-#include "query/march/clip.h"
-#include "query/traverse/brick_tree.h"
-#include "query/traverse/bricks/brick_traversal.h"
-#include "query/traverse/far/brick_needs.h"
-#include "query/traverse/far/finest_windows.h"
-#include "query/traverse/far/waves.h"
+#include "query/traverse/bricks/traverse_finest.h"
+#include "query/traverse/bricks/traverse_levels.h"
 #include "query/traverse/hexahedra/traverse_hexahedra.h"
+#include "store/base/memory.h"
 
 namespace isonest::detail {
 namespace {
 
-constexpr std::uint64_t kWholeProgress = std::uint64_t{1} << 40U;
+constexpr std::size_t kMinPart = 4096;
+constexpr std::size_t kMaxPart = 65536;
+constexpr std::uint64_t kReserve = 4U << 20U;  ///< per thread, for memory that is not counted
 
-/// Runs a task visit(octant, share of the progress) for each octant of `active`, the last soonest:
-/// so most bricks come after those whose values they reach into.
-template <class Visit>
-void run_octants(TraversalRun& run, const std::bitset<8>& active, std::uint64_t progress_share,
-                 const Visit& visit) {
-    const std::uint64_t share = active.none() ? 0 : progress_share / active.count();
-    run.progress.advance(progress_share - share * active.count());
-    tbb::task_group group;
-    for (std::size_t octant = 0; octant < 8; ++octant) {
-        if (active[octant]) {
-            group.run([&visit, octant, share] { visit(octant, share); });
-        }
-    }
-    group.wait();
+std::uint64_t decode_heap_of(const StoreReader& store) {
+    return decode_heap(largest_chunk_bytes(store.layout()));
 }
 
-/// Depth first. Brick: a BrickTraversal.
-template <class Brick>
-void run_brick(Runs runs, int level, const Int3& brick, ParentsOfRuns parents,
-               std::uint64_t progress_share) {
-    TraversalRun& common = *runs.front();
-    common.progress.check();
-    const StoreLayout& layout = common.layout();
-    if (count_whole(runs, parents) && is_split(layout, level)) {
-        HandedDown eighths = eighths_of(std::move(parents));
-        run_octants(common, eighths.active, progress_share,
-                    [&](std::size_t i, std::uint64_t share) {
-                        run_brick<Brick>(runs, level, brick, std::move(eighths.octants[i]), share);
-                    });
-        return;
-    }
-    HandedDown down = refine_brick<Brick>(runs, level, brick, parents);
-    if (!is_split(layout, level)) {
-        leave_brick(common, level, brick);
-    }
-    for (std::size_t octant = 0; octant < 8; ++octant) {
-        if (down.active[octant]) {
-            common.cache.source().prefetch(layout.array(level - 1, Field::values),
-                                           child_of(brick, octant));
-        }
-    }
-    run_octants(common, down.active, progress_share, [&](std::size_t octant, std::uint64_t share) {
-        run_brick<Brick>(runs, level - 1, child_of(brick, octant), std::move(down.octants[octant]),
-                         share);
-    });
+/// Memory that one thread needs.
+struct Needs {
+    std::uint64_t chunks;        ///< chunks held from the store
+    std::uint64_t value_chunks;  ///< chunks held from the store of vertex values
+    std::uint64_t all;
+};
+
+Needs needs_of(const StoreReader& store, const TraversalQuery& query, const StoreReader* values,
+               std::uint64_t isovalues) {
+    const StoreLayout& layout = store.layout();
+    // The sampling of attributes and crossings holds its own chunks for each isovalue.
+    const bool holds = query.attributes.width() > 0 || query.vertices == VertexPlace::exact;
+    Needs needs{(holds ? isovalues : 1) * chunk_heap(layout, query, values != nullptr),
+                values != nullptr ? isovalues * attribute_heap(values->layout()) : 0, 0};
+    const std::uint64_t decode =
+        std::max(decode_heap_of(store), values != nullptr ? decode_heap_of(*values) : 0);
+    // While a part is being finished, it exists twice.
+    needs.all = needs.chunks + needs.value_chunks + decode +
+                isovalues * (list_heap(layout) + table_heap(layout) +
+                             2 * kMinPart * LocalMesh::kBytesPerVertex);
+    return needs;
 }
 
-/// Without a tolerance: the bricks of level 0 among the `size`^3 from `first` on, in Morton order.
-void run_finest_bricks(Runs runs, const Int3& first, std::int64_t size,
-                       std::uint64_t progress_share) {
-    TraversalRun& common = *runs.front();
-    common.progress.check();
-    if (size == 1) {
-        for (const auto& run : runs) {
-            if ((runs.size() == 1 || is_reached(*run, first)) && is_seen(*run, first)) {
-                march_finest(*run, first);
-            }
-        }
-        leave_brick(common, 0, first);
-        common.progress.advance(progress_share);
-        return;
-    }
-    const ChunkSource& source = common.cache.source();
-    const ArrayInfo& values = source.layout().array(0, Field::values);
-    const std::int64_t chunk = source.layout().header().chunk;
-    const std::int64_t half = size / 2;
-    const int child_level =
-        chunk_level(source.layout()) + std::countr_zero(static_cast<std::uint64_t>(half));
-    const auto part_of = [&](std::size_t octant) {
-        return first + kOctants.unlinear(static_cast<std::int64_t>(octant)) * half;
-    };
-    std::bitset<8> active;
-    for (std::size_t octant = 0; octant < 8; ++octant) {
-        const Int3 child = part_of(octant);
-        const Int3 low = child * chunk;
-        active[octant] = values.has_chunk(child) &&
-                         common.query.share.meets(
-                             child_level, {child.x / half, child.y / half, child.z / half}) &&
-                         overlap_of(common.query.box, low,
-                                    low + Int3{chunk, chunk, chunk} * half) != Overlap::outside &&
-                         (half > 1 || std::any_of(runs.begin(), runs.end(), [&](const auto& run) {
-                              return is_reached(*run, child);
-                          }));
-        if (active[octant] && half == 1 && !common.query.culling) {
-            source.prefetch(values, child);
-        }
-    }
-    run_octants(common, active, progress_share, [&](std::size_t octant, std::uint64_t share) {
-        run_finest_bricks(runs, part_of(octant), half, share);
-    });
+}  // namespace
+
+std::uint64_t min_heap(const StoreReader& store, const TraversalQuery& query,
+                       const StoreReader* values) {
+    return needs_of(store, query, values, 1).all;
 }
 
-/// Whether every node refines: then nothing of the coarser levels is needed.
-bool is_finest(const StoreLayout& layout, const TraversalQuery& query) {
-    return query.tolerance.is_zero() && !query.plane && layout.lattice().cells_at(0).product() > 0;
+TraversalBudget share_memory(const StoreReader& store, const TraversalQuery& query,
+                             const StoreReader* values, const MemoryShare& memory, bool keep_parts,
+                             std::uint64_t isovalues) {
+    const auto [chunks, value_chunks, each] = needs_of(store, query, values, isovalues);
+    const int threads = memory.threads_of(each, "this store's chunks");
+    const std::uint64_t usable = memory.left();
+
+    TraversalBudget budget;
+    budget.threads = threads;
+    const auto count = static_cast<std::uint64_t>(budget.threads);
+    const std::uint64_t meshes = count * isovalues;
+    std::uint64_t spare = usable - count * each;
+    budget.part_vertices = std::clamp<std::size_t>(
+        spare / 4 / meshes / (2 * LocalMesh::kBytesPerVertex), kMinPart, kMaxPart);
+    spare -= meshes * 2 * (budget.part_vertices - kMinPart) * LocalMesh::kBytesPerVertex;
+    spare -= std::min(spare / 8, count * kReserve);
+    // With attributes each brick reads all of its neighbours, which costs more than writing the
+    // parts to a file.
+    budget.parts = !keep_parts ? 0 : query.attributes.width() > 0 ? spare / 8 : spare / 2;
+    spare -= budget.parts;
+    if (store.is_remote()) {
+        budget.waiting = spare / 8;
+        spare -= budget.waiting;
+    }
+    // Held chunks are part of the caches.
+    const std::uint64_t values_share = values != nullptr ? spare / 3 : 0;
+    budget.values_cache = count * value_chunks + values_share;
+    budget.cache = count * chunks + spare - values_share;
+    // Chunks that are decoded for their sides are not included in a cache's budget.
+    budget.cache -= count * store.layout().array(0, Field::values).chunk_bytes();
+    if (values != nullptr) {
+        budget.values_cache -= count * values->layout().array(0, Field::values).chunk_bytes();
+    }
+    return budget;
 }
 
-/// All bricks, in the order that suits the store.
-template <class Brick>
-void run_bricks(Runs runs) {
-    if (runs.front()->cache.source().is_far()) {
-        Waves<Brick>(runs).traverse(kWholeProgress);
-    } else {
-        // What is not in the page cache comes together, and not page by page.
-        TraversalNeeds top;
-        add_top_needs(runs, kTopBytesNear, top);
-        announce(*runs.front(), top);
-        run_brick<Brick>(runs, runs.front()->layout().lattice().top(), {0, 0, 0}, {},
-                         kWholeProgress);
+std::uint64_t isovalues_at_once(const StoreReader& store, const TraversalQuery& query,
+                                const StoreReader* values, const MemoryShare& memory,
+                                std::uint64_t wanted) {
+    const auto count = static_cast<std::uint64_t>(memory.threads());
+    std::uint64_t most = wanted;
+    while (most > 1 &&
+           kLibraryHeap + count * needs_of(store, query, values, most).all > memory.bytes() / 2) {
+        --most;
     }
+    return std::max<std::uint64_t>(most, 1);
 }
 
-void traverse_bricks(Runs runs) {
-    TraversalRun& common = *runs.front();
-    const TraversalQuery& query = common.query;
-    const StoreLayout& layout = common.layout();
-    common.progress.begin("extract", kWholeProgress, "");
-    if (query.share.is_empty()) {
-        common.progress.advance(kWholeProgress);
-        return;
-    }
-    if (is_finest(layout, query)) {
-        if (common.cache.source().is_far()) {
-            run_finest_windows(runs, kWholeProgress);
-            return;
-        }
-        const Int3 grid = layout.array(0, Field::values).grid;
-        const auto size = static_cast<std::uint64_t>(std::max({grid.x, grid.y, grid.z}));
-        run_finest_bricks(runs, {0, 0, 0}, static_cast<std::int64_t>(std::bit_ceil(size)),
-                          kWholeProgress);
-    } else if (query.plane) {
-        run_bricks<BrickTraversal<PlaneByDistance>>(runs);
-    } else {
-        run_bricks<BrickTraversal<IsovalueByBound>>(runs);
-    }
+int chunk_level(const StoreLayout& layout) {
+    return std::countr_zero(static_cast<std::uint64_t>(layout.header().chunk));
 }
 
-TraversalCounts total_of(const TraversalRun& run) {
+TraversalRun::TraversalRun(ChunkCache& with, const TraversalQuery& asked, std::size_t vertices,
+                           const PartSink& to, Progress& reports)
+    : cache(with),
+      query(asked),
+      part_vertices(vertices),
+      sink(to),
+      progress(reports),
+      attributes(
+          [this] { return AttributeSampler(query.attributes, cache, query.attribute_values); }),
+      crossings([this] { return FinestCrossing(cache, query.iso); }),
+      meshes([this] {
+          return query.box.close
+                     ? LocalMesh(&attributes.local(), query.box)
+                     : LocalMesh(
+                           &attributes.local(), query.plane.has_value(),
+                           query.vertices == VertexPlace::exact ? &crossings.local() : nullptr);
+      }) {}
+
+TraversalCounts TraversalRun::total() const {
     TraversalCounts total;
-    for (const TraversalCounts& c : run.counts) {
+    for (const TraversalCounts& c : counts) {
         total.add(c);
     }
-    for (const AttributeSampler& sampler : run.attributes) {
+    for (const AttributeSampler& sampler : attributes) {
         total.value_rounding.add(sampler.value_rounding());
     }
     return total;
 }
 
+void TraversalRun::leave(int level, const Int3& brick) {
+    if (query.attributes.width() > 0) {
+        if (level > 0) {
+            return;
+        }
+        const ArrayInfo& values = layout().array(0, Field::values);
+        cache.keep_sides(values, brick);
+        if (query.attribute_values != nullptr) {
+            const ArrayInfo& other =
+                query.attribute_values->source().layout().array(0, Field::values);
+            if (other.grid == values.grid) {
+                query.attribute_values->keep_sides(other, brick);
+            }
+        }
+        return;
+    }
+    const auto keep = [&](int of_level, Field field) {
+        // At full resolution nothing stops, and the field may be missing in the store.
+        if (layout().has(field)) {
+            cache.keep_sides(layout().array(of_level, field), brick);
+        }
+    };
+    keep(level, Field::values);
+    if (level < layout().lattice().top()) {
+        keep(level + 1, query.stop);
+        keep(level + 1, query.bound);
+        if (query.culling) {
+            keep(level + 1, query.culling->field());
+        }
+    }
+}
+
+namespace {
+
+constexpr std::uint64_t kWholeProgress = std::uint64_t{1} << 40U;
+
 }  // namespace
 
 TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
                          const PartSink& sink, Progress& progress) {
-    if (query.cells == Cells::hexahedra && !is_finest(cache.source().layout(), query)) {
-        return traverse_hexahedra(cache, query, part_vertices, sink, progress);
-    }
-    const std::unique_ptr<TraversalRun> run =
-        std::make_unique<TraversalRun>(cache, query, part_vertices, sink, progress);
-    traverse_bricks({&run, 1});
-    return total_of(*run);
+    return traverse_isovalues(cache, query, {&query.iso, 1}, part_vertices, {&sink, 1}, progress)
+        .front();
 }
 
 std::vector<TraversalCounts> traverse_isovalues(ChunkCache& cache, const TraversalQuery& query,
@@ -190,23 +183,28 @@ std::vector<TraversalCounts> traverse_isovalues(ChunkCache& cache, const Travers
                                                 Progress& progress) {
     std::vector<TraversalQuery> queries(isovalues.size(), query);
     std::vector<std::unique_ptr<TraversalRun>> runs;
-    std::vector<TraversalCounts> counts;
-    const bool is_by_itself =
-        query.cells == Cells::hexahedra && !is_finest(cache.source().layout(), query);
     for (std::size_t i = 0; i < queries.size(); ++i) {
         queries[i].iso = isovalues[i];
-        if (is_by_itself) {
-            counts.push_back(traverse(cache, queries[i], part_vertices, sinks[i], progress));
-        } else {
-            runs.push_back(std::make_unique<TraversalRun>(cache, queries[i], part_vertices,
-                                                          sinks[i], progress));
-        }
+        runs.push_back(
+            std::make_unique<TraversalRun>(cache, queries[i], part_vertices, sinks[i], progress));
     }
-    if (!is_by_itself) {
-        traverse_bricks(runs);
+    std::vector<TraversalCounts> counts;
+    const bool finest = is_finest(cache.source().layout(), query);
+    if (query.cells == Cells::hexahedra && !finest) {
         std::transform(runs.begin(), runs.end(), std::back_inserter(counts),
-                       [](const auto& run) { return total_of(*run); });
+                       [](const auto& run) { return traverse_hexahedra(*run); });
+        return counts;
     }
+    progress.begin("extract", kWholeProgress, "");
+    if (query.share.is_empty()) {
+        progress.advance(kWholeProgress);
+    } else if (finest) {
+        traverse_finest(runs, kWholeProgress);
+    } else {
+        traverse_levels(runs, kWholeProgress);
+    }
+    std::transform(runs.begin(), runs.end(), std::back_inserter(counts),
+                   [](const auto& run) { return run->total(); });
     return counts;
 }
 
@@ -234,7 +232,7 @@ std::uint64_t list_heap(const StoreLayout& layout) {
 std::uint64_t chunk_heap(const StoreLayout& layout, const TraversalQuery& query,
                          bool values_elsewhere) {
     const std::uint64_t values = largest_chunk(layout, Field::values);
-    // One is decoded for its sides.
+    // One chunk is decoded for its sides.
     std::uint64_t heap = 9 * values;
     std::vector<Field> fields{query.bound};
     if (query.stop != query.bound) {
@@ -249,19 +247,19 @@ std::uint64_t chunk_heap(const StoreLayout& layout, const TraversalQuery& query,
     }
     if (query.attributes.width() > 0) {
         const bool values_too = query.attributes.value && !values_elsewhere;
-        heap += NodeSampler::kMostValueChunks * values * (values_too ? 2 : 1);
+        heap += NodeSampler::kMaxValueChunks * values * (values_too ? 2 : 1);
     }
     if (query.vertices == VertexPlace::exact) {
-        heap += FinestCrossing::most_chunks(layout.lattice().top() + 1) * values;
+        heap += FinestCrossing::max_chunks(layout.lattice().top() + 1) * values;
     }
     if (query.attributes.error) {
-        heap += NodeSampler::kMostIndicatorChunks * largest_chunk(layout, *query.attributes.error);
+        heap += NodeSampler::kMaxIndicatorChunks * largest_chunk(layout, *query.attributes.error);
     }
     return heap;
 }
 
 std::uint64_t attribute_heap(const StoreLayout& layout) {
-    return (NodeSampler::kMostValueChunks + 1) * largest_chunk(layout, Field::values);
+    return (NodeSampler::kMaxValueChunks + 1) * largest_chunk(layout, Field::values);
 }
 
 }  // namespace isonest::detail

@@ -10,77 +10,42 @@
 
 #include "query/extract/extract_query.h"
 #include "query/ranks/rank_mapping.h"
-#include "query/surface_nets/net_interfaces.h"
-#include "store/base/memory_budget.h"
+#include "query/surface_nets/net_mesh.h"
+#include "store/base/memory.h"
 #include "store/base/workers.h"
-#include "store/container/extent.h"
+#include "store/container/format.h"
 
 namespace isonest::detail {
 namespace {
 
-/// What is asked for, in world units.
+/// The request, in world units.
 struct AskedSheets {
     double within = 0;
     std::optional<std::uint64_t> triangles;
     bool at_any_distance = false;
 };
 
-/// REQUIRES: a stop.
-AskedSheets asked_of(const SheetSetting& s) {
-    if (const auto* const bound = std::get_if<DistanceBound>(&*s.query.stop)) {
-        return {world_distance(s.header, *bound), std::nullopt, false};
+AskedSheets asked_of(const DistanceStop& stop, const StoreHeader& header) {
+    if (const auto* const bound = std::get_if<DistanceBound>(&stop)) {
+        return {world_distance(header, *bound), std::nullopt, false};
     }
-    const auto& budget = std::get<TriangleBudget>(*s.query.stop);
-    const double most = diagonal_of(s.header);
-    const double within = budget.within ? world_distance(s.header, *budget.within) : most;
+    const auto& budget = std::get<TriangleBudgetByDistance>(stop);
+    const double most = diagonal_of(header);
+    const double within = budget.within ? world_distance(header, *budget.within) : most;
     return {within, budget.most, within >= most};
 }
 
-std::uint64_t memory_of(const SheetSetting& s) {
-    const std::uint64_t lists = s.wanted.size() * 2 * (sizeof(std::int64_t) + sizeof(Label));
-    return s.options.memory - std::min(s.options.memory, lists);
+/// The faces that contain vertices at the volume's border, half a node spacing outside.
+PatchBox border_of(const StoreHeader& header, double rounding) {
+    const Int3& n = header.nodes;
+    constexpr double kMore = 4;
+    return box_faces({-0.5, -0.5, -0.5},
+                     {static_cast<double>(n.x) - 0.5, static_cast<double>(n.y) - 0.5,
+                      static_cast<double>(n.z) - 0.5},
+                     header.steps(), header.origin, kMore * rounding);
 }
 
-/// With this memory.
-int threads_of(const SheetSetting& s, std::uint64_t memory) {
-    require_memory(s.name, memory, kLibraryHeap + map_heap(), "simplifying its labels");
-    return static_cast<int>(
-        std::min((memory - kLibraryHeap) / map_heap(),
-                 static_cast<std::uint64_t>(Workers::count_of(s.options.threads))));
-}
-
-/// Where vertices at the volume's border lie, half a node's distance outside.
-PatchBox border_of(const StoreHeader& header) {
-    PatchBox box;
-    for (int axis = 0; axis < 3; ++axis) {
-        const auto a = static_cast<std::size_t>(axis);
-        const auto at = [&](std::int64_t cell) {
-            const double node = static_cast<double>(cell) - 0.5;
-            return static_cast<float>(header.origin[a] + header.spacing[a] * node) + 0.0F;
-        };
-        box.lo[a] = at(0);
-        box.hi[a] = at(header.nodes[axis]);
-    }
-    return box;
-}
-
-/// What the places of a level will be moved by rounding, world units.
-double rounding_of(const SheetSetting& s, int level) {
-    return s.rounding + (s.details ? std::ldexp(s.details->rounding, level) : 0);
-}
-
-/// For nodes that are kept: meshes that are turned are rounded once more, and details too.
-std::optional<double> margin_of(const SheetSetting& s) {
-    if (!s.query.smooth->keep_nodes) {
-        return std::nullopt;
-    }
-    const Double3& d = s.header.spacing;
-    const double turned = s.header.direction != kAlongWorld ? s.rounding : 0;
-    const double moved = turned + rounding_of(s, 0) - s.rounding;
-    return KeptNodes::kLeastMargin + moved / std::min({d[0], d[1], d[2]});
-}
-
-double most_moved_of(std::span<const LabelPartRecord> parts) {
+double max_moved_of(std::span<const LabelPartRecord> parts) {
     double moved = 0;
     for (const LabelPartRecord& part : parts) {
         moved = std::max(moved, static_cast<double>(part.moved));
@@ -94,87 +59,104 @@ NetMesh net_mesh_of(const SheetCounts& counts, double moved) {
 
 }  // namespace
 
-LabelSheets::LabelSheets(const NetStore& net, const SheetSetting& setting,
-                         const ScratchFolder& folder, Progress& progress)
-    : net_(net), wanted_(setting.wanted), sheets_(folder) {
+LabelSheets::LabelSheets(const NetStore& net, SheetSetting setting, const ScratchFolder& folder,
+                         Progress& progress)
+    : net_(net), setting_(std::move(setting)), sheets_(folder) {
     MeshLayout layout;
     layout.has_sides = true;
     levels_.push_back(std::make_unique<Level>());
     levels_[0]->distance.full_triangles =
-        emit_net_interfaces(net, setting.outside, layout, sheets_, progress).triangles;
+        emit_net_interfaces(net, setting_.outside, layout, sheets_, progress).triangles;
     sides_range_ = sheets_.sides_range();
-    const std::uint64_t memory = memory_of(setting);
-    const std::unique_ptr<BlockMapping> mapping = mapping_by(setting.options.team, memory);
-    const int threads = threads_of(setting, memory - std::min(memory, mapping->heap()));
-    Workers(threads).execute([&] { simplify(setting, *mapping, folder, progress); });
+    const MemoryShare memory = setting_.memory.without(setting_.wanted.size() * sizeof(Label));
+    const std::unique_ptr<BlockMapping> mapping = mapping_by(setting_.team, memory);
+    const int threads =
+        memory.without(mapping->heap()).threads_of(map_heap(), "simplifying its labels");
+    Workers(threads).execute([&] { simplify(*mapping, folder, progress); });
     for (const std::unique_ptr<Level>& level : levels_) {
         if (level->corners) {
-            level->output.emplace(sheets_, level->corners->all(), wanted_, folder, progress);
+            level->output.emplace(sheets_, level->corners->all(), setting_.wanted, folder,
+                                  progress);
         }
     }
 }
 
-void LabelSheets::simplify(const SheetSetting& setting, BlockMapping& mapping,
-                           const ScratchFolder& folder, Progress& progress) {
-    const WorldLattice lattice{setting.header.origin, setting.header.spacing, setting.header.nodes};
-    MeshMapper mapper(sheets_.vertices(), lattice, border_of(setting.header), folder, progress);
+/// Later movement of the positions of a level by rounding, world units.
+double LabelSheets::rounding_of(int level) const {
+    return setting_.rounding +
+           (setting_.details ? std::ldexp(setting_.details->rounding, level) : 0);
+}
+
+/// The margin for kept nodes: rotated meshes and details are rounded again.
+std::optional<double> LabelSheets::margin() const {
+    if (!setting_.keeps_nodes) {
+        return std::nullopt;
+    }
+    const LatticeSteps steps = setting_.header.steps();
+    const double turned = setting_.header.rotation() != kAlongWorld ? setting_.rounding : 0;
+    const double moved = turned + rounding_of(0) - setting_.rounding;
+    return KeptNodes::kMinMargin + max_in_lattice({moved, moved, moved}, steps);
+}
+
+void LabelSheets::simplify(BlockMapping& mapping, const ScratchFolder& folder, Progress& progress) {
+    const WorldLattice lattice{setting_.header.origin, setting_.header.steps(),
+                               setting_.header.nodes};
+    MeshMapper mapper(sheets_.vertices(), lattice, border_of(setting_.header, setting_.rounding),
+                      folder, progress);
     mapper.map_by(mapping);
-    mapper.take_sheets(sheets_.next_copies(), margin_of(setting));
-    Mapped result =
-        setting.is_finest_simplified ? finest(setting, mapper) : mapper.full(sheets_.triangles());
-    if (setting.is_finest_simplified) {
+    mapper.take_sheets(sheets_.next_copies(), margin());
+    Mapped result = setting_.stop ? finest(mapper) : mapper.full(sheets_.triangles());
+    if (setting_.stop) {
         levels_[0]->corners.emplace(mapper.corners(result));
     }
-    if (setting.details) {
-        add_details(setting, mapper, std::move(result));
+    if (setting_.details) {
+        add_details(mapper, std::move(result));
     }
     mapping.finish();
 }
 
-/// Level 0, where it is simplified.
-Mapped LabelSheets::finest(const SheetSetting& setting, const MeshMapper& mapper) {
-    const AskedSheets asked = asked_of(setting);
-    const double rounding = rounding_of(setting, 0);
-    const double limit = distance_left(setting.name, asked.within, rounding);
+/// Level 0, if it is simplified.
+Mapped LabelSheets::finest(const MeshMapper& mapper) {
+    const AskedSheets asked = asked_of(*setting_.stop, setting_.header);
+    const double rounding = rounding_of(0);
+    const double limit = distance_left(setting_.name, asked.within, rounding);
     const auto consume = [this](std::uint64_t first, std::uint64_t count) {
         sheets_.release(first, count);
     };
-    constexpr double kFirstLimit = 0.25;  // of the least distance between nodes
-    const Double3& d = setting.header.spacing;
+    constexpr double kFirstLimit = 0.25;  // of the smallest distance between nodes
     Mapped result = asked.triangles
                         ? mapper.down_to(mapper.full(sheets_.triangles()), *asked.triangles,
-                                         kFirstLimit * std::min({d[0], d[1], d[2]}), limit)
+                                         kFirstLimit * setting_.header.steps().shortest(), limit)
                         : mapper.within(mapper.full(sheets_.triangles(), consume), limit);
     DistanceReport& distance = levels_[0]->distance;
     distance.asked = asked.within;
-    distance.bound = result.bound + (result.bound > 0 ? setting.rounding : 0);
+    distance.bound = result.bound + (result.bound > 0 ? setting_.rounding : 0);
     if (asked.triangles) {
         within_budget_ = result.triangles <= *asked.triangles;
         distance.asked = result.limit + (result.limit > 0 ? rounding : 0);
         if (!*within_budget_ && asked.at_any_distance) {
-            throw Error(ErrorKind::limit, {setting.name},
-                        fmt::format("{} triangles are the fewest that were found for the "
-                                    "interfaces of its labels, at any distance: parts, holes and "
-                                    "the ends of lines where labels meet stay",
-                                    result.triangles));
+            throw Error(
+                ErrorKind::limit, {setting_.name},
+                fmt::format("the fewest triangles found for the interfaces at any distance are {}: "
+                            "parts, holes and the ends of junction lines are kept",
+                            result.triangles));
         }
     }
     return result;
 }
 
-/// The levels behind that of `mapped`, as long as they have fewer triangles.
-void LabelSheets::add_details(const SheetSetting& setting, const MeshMapper& mapper,
-                              Mapped mapped) {
-    constexpr double kFirst = 0.25;  // of the least distance between nodes
-    const Double3& d = setting.header.spacing;
-    first_scale_ = std::max(levels_[0]->distance.asked, kFirst * std::min({d[0], d[1], d[2]}));
-    for (int level = 1; level < setting.details->most; ++level) {
+/// Adds the levels after that of `mapped`, as long as they have fewer triangles.
+void LabelSheets::add_details(const MeshMapper& mapper, Mapped mapped) {
+    constexpr double kFirst = 0.25;  // of the smallest distance between nodes
+    first_scale_ =
+        std::max(levels_[0]->distance.asked, kFirst * setting_.header.steps().shortest());
+    for (int level = 1; level < setting_.details->most; ++level) {
         const double asked = scale(level);
-        if (asked > diagonal_of(setting.header) || asked <= rounding_of(setting, level)) {
+        if (asked > diagonal_of(setting_.header) || asked <= rounding_of(level)) {
             return;
         }
         const std::uint64_t before = mapped.triangles;
-        const double limit = distance_left(setting.name, asked, rounding_of(setting, level));
+        const double limit = distance_left(setting_.name, asked, rounding_of(level));
         mapped = mapper.within(std::move(mapped), limit);
         if (!is_worth_a_level(before, mapped.triangles)) {
             return;
@@ -183,7 +165,7 @@ void LabelSheets::add_details(const SheetSetting& setting, const MeshMapper& map
         Level& made = *levels_.back();
         made.distance.asked = asked;
         made.distance.full_triangles = levels_[0]->distance.full_triangles;
-        made.distance.bound = mapped.bound + (mapped.bound > 0 ? setting.rounding : 0);
+        made.distance.bound = mapped.bound + (mapped.bound > 0 ? setting_.rounding : 0);
         made.corners.emplace(mapper.corners(mapped));
     }
 }
@@ -204,7 +186,7 @@ NetMesh LabelSheets::emit_all(MeshLayout layout, MeshSink& sink, const Progress&
 NetMesh LabelSheets::emit_label(std::size_t number, int level, MeshLayout layout, MeshSink& sink,
                                 const Progress& progress) const {
     return net_mesh_of(output(level).emit_label(number, std::move(layout), sink, progress),
-                       most_moved_of(net_.parts(wanted_[number])));
+                       max_moved_of(net_.parts(setting_.wanted[number])));
 }
 
 }  // namespace isonest::detail

@@ -12,7 +12,7 @@ namespace {
 
 constexpr unsigned kVertexBits = 48;
 
-/// A vertex of the mesh, by its number in all of it.
+/// A vertex of the mesh, with its number in the whole mesh.
 struct MeshVertex {
     std::uint64_t number;
     std::array<float, 3> position;
@@ -47,7 +47,7 @@ class LinePart {
   private:
     std::uint32_t vertex(const MeshVertex& below, const MeshVertex& above, double value,
                          std::size_t index) {
-        // In a fixed order of the ends: the same bits from both triangles at the edge.
+        // In a fixed order of the ends: bit for bit the same from both triangles at the edge.
         const bool exact = above.value == value;
         const MeshVertex& p = exact || above.number < below.number ? above : below;
         const MeshVertex& q = exact ? above : &p == &above ? below : above;

@@ -1,4 +1,4 @@
-// Labels: volumes whose values are not amounts but names of things (a segmentation).
+// Labels: volumes whose values are identifiers rather than quantities (a segmentation).
 #pragma once
 
 #include <cstdint>
@@ -10,23 +10,23 @@
 
 namespace isonest {
 
-/// A label, and where it is.
+/// A label and its extent.
 struct Label {
     std::int64_t id = 0;
-    std::uint64_t nodes = 0;  ///< how many have it
+    std::uint64_t nodes = 0;  ///< number of nodes with this label
     Int3 low{};               ///< smallest coordinates of its nodes
-    Int3 high{};              ///< largest ones
+    Int3 high{};              ///< largest coordinates of its nodes
 };
 
 struct LabelOptions {
-    std::uint64_t memory = std::uint64_t{1} << 30U;  ///< bytes of heap, at most
+    std::uint64_t memory = std::uint64_t{1} << 30U;  ///< maximum bytes of heap
     int threads = 0;                                 ///< 0 = all cores
 };
 
-/// All labels of a store, by their ids. Each chunk of the finest values is read once.
-/// Throws Error{unsupported} for values that are no whole numbers up to 2^53, Error{limit} for more
-/// labels than the memory holds, Error{corrupt, io, cancelled}.
-/// Thread-safety: any number of calls at once.
+/// All labels of a store, sorted by id. Each chunk of the finest values is read once. Throws
+/// Error{unsupported} if values are not integers up to 2^53, Error{limit} if there are more labels
+/// than fit into memory, Error{corrupt, io, cancelled}. Thread-safety: any number of concurrent
+/// calls.
 std::vector<Label> find_labels(const Store& store, const LabelOptions& options = {},
                                Progress& progress = silent_progress());
 

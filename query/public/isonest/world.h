@@ -1,4 +1,4 @@
-// Places in world units: boxes, planes, and where somebody looks from.
+// Positions in world units: boxes, planes and viewpoints.
 #pragma once
 
 #include <cstdint>
@@ -13,10 +13,10 @@ struct WorldBox {
     Double3 hi{};
 };
 
-/// What lies outside of a volume, or of a box in it, if the surface is to be closed there.
+/// How the space outside a volume or box is treated when the surface is closed there.
 enum class Outside : std::uint8_t {
-    below,  ///< counts as below the isovalue: what is not below it becomes a solid
-    above   ///< counts as not below it: what is below it becomes a solid
+    below,  ///< as below the isovalue: the solid is where values are not below it
+    above   ///< as not below the isovalue: the solid is where values are below it
 };
 
 /// The plane {normal . x = offset}. The normal need not have length 1.
@@ -25,36 +25,35 @@ struct WorldPlane {
     double offset = 0;
 };
 
-/// Within the box (a point, if lo = hi) the tolerance is as given; outside it grows with the
-/// distance, to (1 + falloff distance) times.
+/// Inside the box (a point, if lo = hi) the tolerance is as given. Outside, it is multiplied by (1
+/// + falloff * distance).
 struct Focus {
     Double3 lo{};
     Double3 hi{};
     double falloff = 0;  ///< per world unit, >= 0
 };
 
-/// A perspective view. Diamonds of elements that it shows smaller than `pixels` are not refined.
+/// A perspective view. Diamonds that appear smaller than `pixels` are not refined.
 struct Camera {
     Double3 position{};
-    double field_of_view = 40;  ///< degrees, from the top of the picture to its bottom
-    int height = 1080;          ///< pixels, from the top of the picture to its bottom
+    double field_of_view = 40;  ///< degrees, vertical
+    int height = 1080;          ///< pixels, vertical
     double pixels = 1;
 };
 
-/// What the nested grid's cells are.
+/// Type of the nested grid's cells.
 enum class Cells : std::uint8_t {
     tetrahedra,
-    hexahedra  ///< cubes; the function in them is trilinear between the corners. Of data in a
-               ///< plane squares, and bilinear
+    hexahedra  ///< cubes with trilinear interpolation between the corners; for data in a plane,
+               ///< squares with bilinear interpolation
 };
 
-/// Where a surface, or isoline, crosses an edge of the nested grid.
+/// Where a vertex of a surface or isoline is placed on an edge of the nested grid.
 enum class VertexPlace : std::uint8_t {
-    linear,  ///< linear between the edge's ends
-    /// Where the finest function has the isovalue, whatever the level: the vertices lie on the
-    /// surface at full resolution (but for those that faces of the volume or a box cut out of
-    /// coarse triangles). The values of the triangles between them are then within twice
-    /// the error.
+    linear,  ///< linear interpolation between the edge's ends
+    /// Where the finest function has the isovalue, at every level: the vertices lie on the surface
+    /// at full resolution, except where faces of the volume or a box cut coarse triangles. The
+    /// values on the triangles between them are then within twice the error.
     exact
 };
 

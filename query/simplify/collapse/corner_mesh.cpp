@@ -11,7 +11,7 @@ CornerMesh::CornerMesh(std::size_t vertices, std::span<const PatchTriangle> tria
       across_(3 * triangles.size(), kNone),
       first_(vertices, kNone),
       seen_in_(vertices) {
-    // The half-edges from each vertex, one vertex after the other.
+    // The half-edges from each vertex, one vertex after another.
     std::vector<std::uint32_t> begin(vertices + 1);
     for (std::size_t i = 0; i < triangles.size(); ++i) {
         for (std::size_t k = 0; k < 3; ++k) {
@@ -25,7 +25,8 @@ CornerMesh::CornerMesh(std::size_t vertices, std::span<const PatchTriangle> tria
     for (std::uint32_t h = 0; h < start_.size(); ++h) {
         from[place[start_[h]]++] = h;
     }
-    // Of several with the same ends none has another one across: their ends are tangled then.
+    // If several half-edges have the same ends, none gets an opposite one: their ends are not
+    // manifold.
     const auto only = [&](std::uint32_t a, std::uint32_t b) {
         std::uint32_t found = kNone;
         for (std::uint32_t i = begin[a]; i < begin[a + 1]; ++i) {
@@ -128,7 +129,7 @@ bool CornerMesh::keeps_topology(const Ring& ring, std::size_t place,
     const std::size_t after = place + 1 < count ? place + 1 : ring.is_closed ? 0 : count;
     const std::size_t before = place > 0 ? place - 1 : ring.is_closed ? count - 1 : count;
     if (locked[to]) {
-        // Nobody but the patch may know of an edge or a triangle that arises.
+        // Only the patch may use a new edge or triangle.
         bool others = false;
         for (std::size_t i = 0; i < count; ++i) {
             if (i != place && i != after && i != before) {

@@ -5,7 +5,8 @@
 namespace isonest::detail {
 namespace {
 
-constexpr double kBorderWeight = 1;  ///< of the plane that stands on a border edge
+constexpr double kBorderWeight = 1;  ///< of the plane through a border edge, perpendicular to the
+                                     ///< triangle
 
 }  // namespace
 
@@ -13,7 +14,7 @@ EdgeQueue::EdgeQueue(std::span<const std::array<float, 3>> positions, const Corn
                      float most)
     : positions_(positions),
       mesh_(mesh),
-      most_(most),
+      max_(most),
       quadrics_(positions.size()),
       version_(positions.size()),
       bins_(bin_of(most) + 1) {
@@ -79,10 +80,10 @@ void EdgeQueue::push(const Edge& edge) {
     lowest_ = std::min(lowest_, of);
 }
 
-/// The edge from the ring's middle that comes next after one of this error, to this vertex.
+/// Adds the next edge from the ring's middle after the one with this error to this vertex.
 void EdgeQueue::push_next(const CornerMesh::Ring& ring, float after, std::uint32_t after_to) {
     const std::uint32_t from = ring.middle;
-    Edge best{most_, from, CornerMesh::kNone, 2 * version_[from] + 1};
+    Edge best{max_from(from), from, CornerMesh::kNone, 2 * version_[from] + 1};
     for (const std::uint32_t to : ring.vertices) {
         const float error = square_error(from, to);
         if ((error > after || (error == after && to > after_to)) &&
@@ -133,7 +134,7 @@ void EdgeQueue::collapsed(std::uint32_t from, const CornerMesh::Ring& ring,
     for (const std::uint32_t v : ring.vertices) {
         if (!locked[v]) {
             const float error = square_error(v, to);
-            if (error <= most_) {
+            if (error <= max_from(v)) {
                 push({error, v, to, 2 * version_[v]});
             }
         }

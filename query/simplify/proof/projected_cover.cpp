@@ -9,11 +9,11 @@ namespace isonest::detail {
 namespace {
 
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
-/// Of the triangle's size: what lies no further outside counts as meeting it.
+/// Relative to the triangle's size: what is at most this far outside counts as meeting it.
 constexpr double kTiny = 1e-9;
-/// Barycentric coordinates of a point inside that nothing on a lattice projects to.
+/// Barycentric coordinates of an interior point to which nothing on a lattice projects.
 constexpr std::array<double, 3> kMiddle{0.34567891, 0.31415927, 0.34016182};
-constexpr std::size_t kMostVisited = 4096;
+constexpr std::size_t kMaxVisited = 4096;
 
 Double3 scaled(const Double3& a, double s) {
     return {a[0] * s, a[1] * s, a[2] * s};
@@ -51,7 +51,7 @@ ProjectedCover::ProjectedCover(std::span<const std::array<float, 3>> positions,
     }
 }
 
-/// The triangle across the edge from corner `edge` on; none at a border, or where several meet.
+/// The triangle across the edge starting at corner `edge`; none at a border, or where several meet.
 std::uint32_t ProjectedCover::beyond(std::uint32_t triangle, std::size_t edge) const {
     const std::uint32_t a = surface_[triangle][edge];
     const std::uint32_t b = surface_[triangle][(edge + 1) % 3];
@@ -114,8 +114,8 @@ const ProjectedCover::Seen& ProjectedCover::seen(std::uint32_t vertex) {
     return s;
 }
 
-/// Whether a segment meets what is so far inside of all edges of the triangle (outside: < 0): no
-/// line along one of these and none along the segment separates them.
+/// Whether a segment meets the region at least `inside` within all edges of the triangle (< 0:
+/// outside): no line along one of the edges or along the segment separates them.
 bool ProjectedCover::meets(const Seen& p, const Seen& q, double inside) const {
     for (std::size_t i = 0; i < 3; ++i) {
         if (p.inside[i] < inside && q.inside[i] < inside) {
@@ -135,7 +135,7 @@ bool ProjectedCover::meets(const Seen& p, const Seen& q, double inside) const {
     return left < 3 && right < 3;
 }
 
-/// Cuts off where `inside` is negative (I. Sutherland, G. Hodgman, 1974).
+/// Cuts off the part where `inside` is negative (I. Sutherland, G. Hodgman, 1974).
 template <class Inside>
 void ProjectedCover::cut(Polygon& polygon, const Inside& inside) {
     Polygon kept;
@@ -162,7 +162,7 @@ void ProjectedCover::cut(Polygon& polygon, const Inside& inside) {
     polygon = kept;
 }
 
-/// The height of the part of a triangle that is over the one that is looked at.
+/// The height of the part of a triangle above the tested one.
 double ProjectedCover::height_over(const SeenTriangle& t) const {
     Polygon over{{*t[0], *t[1], *t[2]}, 3};
     for (std::size_t e = 0; e < 3; ++e) {
@@ -175,7 +175,7 @@ double ProjectedCover::height_over(const SeenTriangle& t) const {
     return height;
 }
 
-/// 1 if the middle lies under the triangle's front side, -1 under its back side, else 0.
+/// 1 if the middle is under the triangle's front side, -1 under its back side, otherwise 0.
 int ProjectedCover::turns_around_middle(const SeenTriangle& t) const {
     int left = 0;
     int right = 0;
@@ -189,8 +189,8 @@ int ProjectedCover::turns_around_middle(const SeenTriangle& t) const {
     return left == 3 ? 1 : right == 3 ? -1 : 0;
 }
 
-/// The lowest of the triangles around the first corner that lie over the triangle there, front side
-/// up; kNone: there is none.
+/// The lowest of the triangles around the first corner that are above the tested triangle there,
+/// front side up; kNone: there is none.
 std::uint32_t ProjectedCover::start(std::uint32_t vertex) {
     std::uint32_t best = kNone;
     double least = std::numeric_limits<double>::infinity();
@@ -216,8 +216,8 @@ void ProjectedCover::visit(std::uint32_t triangle) {
     }
 }
 
-/// False: there is nothing to begin with. Whatever is begun with, that all is followed across edges
-/// over the triangle makes the degree the same everywhere.
+/// Returns false if there is no starting triangle. The degree does not depend on the starting
+/// triangle, because all triangles across edges above the tested one are followed.
 bool ProjectedCover::begin(const Triangle& triangle, std::uint32_t near) {
     stack_.clear();
     if (point_at(positions_[near]) == triangle[0]) {
@@ -251,14 +251,14 @@ std::optional<double> ProjectedCover::covers(const Triangle& triangle, std::uint
         if (height > limit_) {
             height = height_over(s);
         }
-        if (height > limit_ || stack_.size() > kMostVisited) {
+        if (height > limit_ || stack_.size() > kMaxVisited) {
             return std::nullopt;
         }
         highest = std::max(highest, height);
         degree += turns_around_middle(s);
         for (std::size_t e = 0; e < 3; ++e) {
             const std::uint32_t other = beyond_[at][e];
-            // A border along an edge of the triangle is none inside of it.
+            // A border along an edge of the triangle is not inside it.
             if (other != kNone && meets(*s[e], *s[(e + 1) % 3], -tiny_)) {
                 visit(other);
             } else if (other == kNone && meets(*s[e], *s[(e + 1) % 3], tiny_)) {

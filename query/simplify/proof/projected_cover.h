@@ -1,12 +1,12 @@
-// Whether a triangle lies near to a surface, by looking straight down on it.
+// Whether a triangle lies near a surface, by projecting the surface onto it.
 //
-// The surface is followed from near a corner of the triangle, across all edges whose projection to
-// the triangle's plane meets the triangle. If none of these is a border, the projection of what was
-// followed has no border inside the triangle, so the number of times (front sides minus back
-// sides) that it lies over a point is the same for all points of the triangle: the degree of a
-// map (J. Milnor, "Topology from the Differentiable Viewpoint", 1965, section 5). If it is not 0
-// at one point, it is not 0 anywhere: then each point of the triangle has a point of the surface
-// straight above or below it, no higher than what was followed is over the triangle.
+// Starting near a corner of the triangle, the surface is followed across all edges whose projection
+// to the triangle's plane meets the triangle. If none of these is a border, the projection of the
+// followed part has no border inside the triangle. So the number of times that it covers a point
+// (front sides minus back sides) is the same for all points of the triangle: the degree of a map
+// (J. Milnor, "Topology from the Differentiable Viewpoint", 1965, section 5). If it is not 0 at one
+// point, it is 0 nowhere: then each point of the triangle has a point of the surface straight above
+// or below it, at most as far away as the height of the followed part over the triangle.
 #pragma once
 
 #include <array>
@@ -22,18 +22,17 @@ namespace isonest::detail {
 /// Not thread-safe.
 class ProjectedCover {
   public:
-    /// `positions` and `surface` have to stay; limit: > 0, world units.
+    /// `positions` and `surface` must outlive this object; `limit`: > 0, world units.
     ProjectedCover(std::span<const std::array<float, 3>> positions,
                    std::span<const PatchTriangle> surface, double limit);
 
-    /// A distance, at most the limit, within which all points of the triangle are from the surface.
-    /// Nothing: it is not certain that there is one. `near`: a vertex of the surface, which is
-    /// followed from there: the one at the first corner, or one that is near to the triangle.
-    /// REQUIRES: it has an area.
+    /// A distance, at most the limit, such that all points of the triangle are within it of the
+    /// surface. Nothing: none could be proven. `near`: a vertex of the surface where it starts: the
+    /// one at the first corner, or one near the triangle. REQUIRES: the triangle has an area.
     [[nodiscard]] std::optional<double> covers(const Triangle& triangle, std::uint32_t near);
 
   private:
-    /// Seen from above: where in the plane, how far inside of the three edges, and how high.
+    /// A projected vertex: position in the plane, distances inside the three edges, and height.
     struct Seen {
         double u, v, height;
         std::array<double, 3> inside;
@@ -58,11 +57,12 @@ class ProjectedCover {
     std::span<const std::array<float, 3>> positions_;
     std::span<const PatchTriangle> surface_;
     double limit_;
-    std::vector<std::uint32_t> first_;                  ///< of each vertex, in around_
+    std::vector<std::uint32_t> first_;                  ///< for each vertex, index into around_
     std::vector<std::uint32_t> around_;                 ///< triangles of each vertex
-    std::vector<std::array<std::uint32_t, 3>> beyond_;  ///< each edge, from corner i to i + 1
+    std::vector<std::array<std::uint32_t, 3>> beyond_;  ///< triangle beyond each edge, from corner
+                                                        ///< i to i + 1
 
-    // The triangle that is looked at.
+    // The current triangle.
     Double3 origin_{};
     Double3 along_{};
     Double3 across_{};

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "query/view/morton.h"
+#include "query/values/blocks.h"
 
 namespace isonest::detail {
 
@@ -19,7 +19,7 @@ BrickTraversal<Interest>::BrickTraversal(TraversalRun& run, int level, const Int
       action_(run, parts_.mesh(), level, interest_.iso()),
       counts_(run.counts.local()) {}
 
-/// The interest test of a tetrahedron of a parent cube, of any kind.
+/// The interest test of a tetrahedron of any kind in a parent cube.
 template <class Interest>
 auto BrickTraversal<Interest>::question(const CubeNodes& nodes, const TopologyTetrahedron& t) const
     -> Question {
@@ -33,7 +33,7 @@ auto BrickTraversal<Interest>::question(const CubeNodes& nodes, const TopologyTe
     return {interest_.may_hold(nodes, t, number), number};
 }
 
-/// The stop test: eta if the tetrahedron is a leaf.
+/// The stop test: eta if the tetrahedron is a leaf, otherwise nothing.
 template <class Interest>
 std::optional<double> BrickTraversal<Interest>::stopped(const CubeNodes& nodes,
                                                         const TopologyTetrahedron& t,
@@ -45,8 +45,8 @@ std::optional<double> BrickTraversal<Interest>::stopped(const CubeNodes& nodes,
     return stop_.stops(nodes, t.ref_node, eta) ? std::optional(eta) : std::nullopt;
 }
 
-/// Saturation: if neither edge's node stops, the face's does not either. What is found out about
-/// the nodes is kept with them.
+/// Saturation: if neither edge's node stops, the face's node does not stop either. The results for
+/// the nodes are stored with them.
 template <class Interest>
 bool BrickTraversal<Interest>::edges_refine(CubeNodes& nodes,
                                             const TopologyTetrahedron& face) const {
@@ -63,7 +63,7 @@ bool BrickTraversal<Interest>::edges_refine(CubeNodes& nodes,
            });
 }
 
-/// Those in `mask` below which nothing stops before the subcubes.
+/// The tetrahedra in `mask` below which nothing stops before the subcubes.
 template <class Interest>
 std::uint8_t BrickTraversal<Interest>::refined_to_subcubes(CubeNodes& nodes,
                                                            std::uint8_t mask) const {
@@ -78,7 +78,7 @@ std::uint8_t BrickTraversal<Interest>::refined_to_subcubes(CubeNodes& nodes,
     return refined;
 }
 
-/// Finds out on which sides of the isovalue the finest function can be.
+/// Determines on which sides of the isovalue the finest function can be.
 template <class Interest>
 void BrickTraversal<Interest>::sharpen(CubeNodes& nodes) const {
     nodes.sides = interest_.sides(nodes);
@@ -107,7 +107,7 @@ void BrickTraversal<Interest>::march(const CubeNodes& nodes, const TopologyTetra
         return;
     }
     if (cut) {
-        // Of a cube that reaches across the box, some tetrahedra do not.
+        // A cube may extend across the box although some of its tetrahedra do not.
         const Overlap overlap = overlap_of_leaf(*corners);
         if (overlap == Overlap::outside) {
             return;
@@ -141,12 +141,12 @@ void BrickTraversal<Interest>::edge(CubeNodes& nodes, std::size_t index) {
     }
 }
 
-/// Where nothing stops below it, the subcubes that the finest function can cross say all that the
-/// tetrahedra on the way would: two bisections at once.
+/// If nothing stops below, the subcubes that the finest function can cross give the same answer as
+/// the tetrahedra in between: two bisections at once.
 template <class Interest>
 void BrickTraversal<Interest>::face(CubeNodes& nodes, std::size_t index) {
     const TopologyTetrahedron& t = topology_.face[index];
-    // Until the subcubes' centres are known: they may lie in chunks that nothing else needs.
+    // Until the subcubes' centres are known: they may be in chunks that are not needed otherwise.
     const bool first = !nodes.sharp;
     Question asked;
     if (first) {
@@ -173,7 +173,7 @@ void BrickTraversal<Interest>::face(CubeNodes& nodes, std::size_t index) {
     edge(nodes, t.children[1]);
 }
 
-/// The tetrahedra in `mask` that may hold the surface.
+/// The tetrahedra in `mask` that may contain the surface.
 template <class Interest>
 std::uint8_t BrickTraversal<Interest>::visit_cube(const CubeNodes& nodes, std::uint8_t mask) {
     if (!sides_of(nodes, nodes.cut).both_in(nodes_of(topology_.cube, mask))) {
@@ -235,7 +235,7 @@ void BrickTraversal<Interest>::subcube(const CubeNodes& nodes, unsigned corner, 
     if (finest ? !sides.both_in(vertices) : !interest_.one_may_hold(nodes, vertices, number, cut)) {
         return;
     }
-    // Which of those that are refined are in question, the next finer values say better.
+    // The next finer values decide better which of the refined tetrahedra are relevant.
     std::uint8_t refined = 0;
     for (unsigned order = 0; order < 6; ++order) {
         if ((mask >> order & 1U) == 0) {
@@ -258,7 +258,7 @@ void BrickTraversal<Interest>::subcube(const CubeNodes& nodes, unsigned corner, 
     }
 }
 
-/// These tetrahedra of a subcube are to be refined.
+/// Records that these tetrahedra of a subcube are to be refined.
 template <class Interest>
 void BrickTraversal<Interest>::hand_down(const Int3& cube, std::uint8_t mask) {
     const Int3 local = cube - at_.base;
@@ -282,8 +282,9 @@ void BrickTraversal<Interest>::refine(const Int3& parent, std::uint8_t mask) {
     interest_.prepare(nodes);
     nodes.cut = overlap == Overlap::crossing;
     subcubes_.fill(0);
-    // The finer values say more than the bound by which the level above asked for this cube. But
-    // the subcubes' centres may lie in chunks that nothing else needs: where all stops above them.
+    // The finer values are more precise than the bound by which the level above selected this cube.
+    // But the subcubes' centres may be in chunks that are not needed otherwise, if everything stops
+    // above them.
     std::uint8_t refined = 0;
     if (Interest::kExact || at_.level == 0) {
         sharpen(nodes);
@@ -294,7 +295,7 @@ void BrickTraversal<Interest>::refine(const Int3& parent, std::uint8_t mask) {
         if (refined != 0) {
             sharpen(nodes);
         }
-        // Where nothing stops before them, the subcubes as wholes say nearly as much.
+        // If nothing stops before the subcubes, testing whole subcubes is nearly as good.
         if (refined != mask) {
             mask = visit_cube(nodes, mask);
         }
@@ -327,7 +328,7 @@ void BrickTraversal<Interest>::refine_parents(const MaskList& parents, std::size
     });
 }
 
-/// What is below a cube that is another rank's: nothing is marched or counted.
+/// Processes a cube of another rank: nothing is marched or counted.
 template <class Interest>
 template <class Work>
 void BrickTraversal<Interest>::for_others(const Work& work) {
@@ -342,9 +343,9 @@ template <class Interest>
 void BrickTraversal<Interest>::root() {
     const Int3 cells = run_.layout().lattice().cells_at(at_.level);
     if (cells.product() == 0) {
-        return;  // a volume without thickness holds no tetrahedra
+        return;  // a volume without thickness contains no tetrahedra
     }
-    // The coarsest cube as subcube 0 of a parent that is never refined itself.
+    // The coarsest cube is treated as subcube 0 of a parent that is never refined itself.
     CubeNodes nodes;
     values_.load(nodes, {0, 0, 0});
     interest_.prepare(nodes);

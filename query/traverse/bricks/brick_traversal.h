@@ -1,10 +1,11 @@
-// AdaptTraverse within one brick: from cubes of the level above to leaves and to subcubes.
+// AdaptTraverse within one brick: from cubes of the level above to leaves and subcubes.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), sections 2 and 5. The fast path of volumes: it finds the
-// leaves that query/traverse/adapt_traverse.h finds, but a cube at a time. The unit is a cube with
-// a mask of its active Kuhn tetrahedra; a brick is the cubes of one level in one chunk of values.
-// Saturation saves most questions: where the nodes of both edges of a face refine, so does the
-// face's, and then the subcubes are asked next, two bisections further down.
+// Source: Gerstner, Rumpf, Weikard (2000), sections 2 and 5. This is the fast path for volumes. It
+// finds the same leaves as query/traverse/adapt_traverse.h, but a cube at a time. The unit is a
+// cube with a mask of its active Kuhn tetrahedra; a brick is the cubes of one level in one chunk of
+// values. Saturation makes most tests unnecessary: where the nodes of both edges of a face refine,
+// the face's node refines too. The next test is then that of the subcubes, two bisections further
+// down.
 #pragma once
 
 #include <array>
@@ -14,35 +15,33 @@
 #include <utility>
 
 #include "query/march/clip.h"
-#include "query/traverse/bricks/brick_interest.h"
 #include "query/traverse/bricks/brick_parts.h"
-#include "query/traverse/bricks/brick_stop.h"
-#include "query/traverse/bricks/leaf_march.h"
+#include "query/traverse/bricks/brick_tests.h"
 
 namespace isonest::detail {
 
-/// The work on one brick: cubes of level + 1 whose tetrahedra are to be refined come in, leaves are
-/// marched, and cubes of the level whose tetrahedra are to be refined go out. Interest:
-/// IsovalueByBound or PlaneByDistance. Of the members, those that decide are const, and those that
-/// act decide nothing. One per thread and brick.
+/// The work on one brick. Input: cubes of level + 1 whose tetrahedra are to be refined. Output:
+/// marched leaves, and cubes of the level whose tetrahedra are to be refined. Interest:
+/// IsovalueByBound or PlaneByDistance. Members that decide are const; members that act decide
+/// nothing. One per thread and brick.
 template <class Interest>
 class BrickTraversal {
   public:
     BrickTraversal(TraversalRun& run, int level, const Int3& brick);
 
-    /// All cubes of the brick that `parents` activates: masks in Morton order from cube `begin` on.
+    /// Refines all cubes of the brick that `parents` activates: masks in Morton order, starting at
+    /// cube `begin`.
     void refine_parents(const MaskList& parents, std::size_t begin);
-    /// The coarsest cube itself.
+    /// Refines the coarsest cube.
     void root();
 
-    /// What child brick `octant` has to do; null if nothing.
+    /// The work for child brick `octant`; null if there is none.
     [[nodiscard]] std::unique_ptr<MaskList> take_children(std::size_t octant) {
         return std::move(children_[octant]);
     }
 
   private:
-    /// What is known of a tetrahedron that may hold the surface: the interest test's number, if it
-    /// was asked.
+    /// The result of the interest test for a tetrahedron, with the test's number if it was needed.
     struct Question {
         bool may_hold = false;
         std::optional<double> number;
@@ -53,14 +52,14 @@ class BrickTraversal {
                                                 const TopologyTetrahedron& t,
                                                 std::optional<double> number) const;
     [[nodiscard]] bool edges_refine(CubeNodes& nodes, const TopologyTetrahedron& face) const;
-    /// Of a cube, or a subcube, that reaches across the box or not: what is beyond a closed one's
-    /// face counts.
+    /// For a cube or subcube. `cut`: it extends across the box. At a closed box the outside is
+    /// included.
     [[nodiscard]] Sides sides_of(const CubeNodes& nodes, bool cut) const {
         return cut && query_.box.close ? nodes.sides.with(*query_.box.close) : nodes.sides;
     }
     [[nodiscard]] std::uint8_t refined_to_subcubes(CubeNodes& nodes, std::uint8_t mask) const;
 
-    // What is done about them.
+    // Actions.
     void refine(const Int3& parent, std::uint8_t mask);
     template <class Work>
     void for_others(const Work& work);
@@ -85,7 +84,7 @@ class BrickTraversal {
     LeafMarch action_;
     TraversalCounts& counts_;
     const Topology& topology_ = topology();
-    bool is_for_others_ = false;              ///< the cube's leaves are another rank's
+    bool is_for_others_ = false;              ///< the cube's leaves belong to another rank
     std::array<std::uint8_t, 8> subcubes_{};  ///< masks of the parent's subcubes, in table order
     std::array<std::unique_ptr<MaskList>, 8> children_;
 };

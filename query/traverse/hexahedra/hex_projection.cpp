@@ -2,8 +2,7 @@
 
 #include <algorithm>
 
-#include "query/march/hex_cell.h"
-#include "query/traverse/hexahedra/hanging_node.h"
+#include "query/march/march_hexahedron.h"
 
 namespace isonest::detail {
 
@@ -13,10 +12,10 @@ bool HexProjection::is_refined(int level, const Int3& cell) {
            !stops(number(level, cell));
 }
 
-double HexProjection::value(const Int3& node) {
+double HexProjection::projected(const Int3& node) {
     const NodeInfo info = describe_node(node, lattice_.top());
     if (info.scale == 0) {
-        return exact(node, lattice_.top());
+        return value(node, lattice_.top());
     }
     const auto below = [this](int level, const Int3& cell) {
         const double of_cell = number(level, cell);
@@ -24,8 +23,8 @@ double HexProjection::value(const Int3& node) {
         return stops(of_cell);
     };
     return hangs(lattice_, node, info, below)
-               ? mean_of_corners(node, info, [this](const Int3& end) { return value(end); })
-               : exact(node, info.level() - 1);
+               ? mean_of_corners(node, info, [this](const Int3& end) { return projected(end); })
+               : value(node, info.level() - 1);
 }
 
 std::uint32_t HexProjection::nodes_of(int level, const Int3& cell) {
@@ -40,7 +39,7 @@ std::uint32_t HexProjection::nodes_of(int level, const Int3& cell) {
         if (axes == 0 || axes == 3 || !is_refined(level, cell + d)) {
             continue;
         }
-        // Beside a face its centre and the midpoints of its edges, beside an edge its midpoint.
+        // Beside a face: its centre and the midpoints of its edges. Beside an edge: its midpoint.
         for (std::int64_t p = 0; p < 27; ++p) {
             const Int3 o = kNeighbours.unlinear(p) - Int3{1, 1, 1};
             const std::int64_t off = o.x * o.x + o.y * o.y + o.z * o.z;

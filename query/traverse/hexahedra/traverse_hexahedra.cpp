@@ -2,60 +2,59 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
-#include "query/march/hex_cell.h"
-#include "query/traverse/hexahedra/cell_scout.h"
+#include "query/march/march_hexahedron.h"
+#include "query/traverse/each_leaf.h"
+#include "query/traverse/hexahedra/cell_needs.h"
+#include "query/traverse/remote/look_ahead.h"
 
 namespace isonest::detail {
 namespace {
 
-/// One thread's traversal.
-class HexWorker {
+/// Whether the query's surface or plane may pass through a cell.
+struct PassesCell {
+    const TraversalQuery& query;
+
+    [[nodiscard]] std::optional<Field> field() const {
+        return query.plane ? std::nullopt : std::optional(query.stop);
+    }
+    [[nodiscard]] bool may_hold(const Cell& cell, double number, HexProjection& numbers) const {
+        double low = std::numeric_limits<double>::infinity();
+        double high = -low;
+        for (unsigned i = 0; i < 8; ++i) {
+            const Int3 node = cell.low() + corner_offset(i) * cell.edge();
+            const double value =
+                query.plane ? query.plane->distance(node) : numbers.value(node, cell.level);
+            if (!std::isfinite(value)) {
+                return cell.level > 0;
+            }
+            low = std::min(low, value);
+            high = std::max(high, value);
+        }
+        if (query.plane) {
+            return low < 0 && high >= 0;
+        }
+        // U - P U| is below the threshold, |U - U_C| is at most the number.
+        return may_reach(low, high, number + query.tolerance.threshold(), query.iso);
+    }
+};
+
+/// Marches leaves.
+class HexMarch : public SubtreeMesh {
   public:
-    HexWorker(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
-              const PartSink& sink, Progress& progress)
-        : walk(cache.source().layout().lattice(), query.box, query.share),
-          query_(query),
-          projection_(cache, query.stop, query.tolerance.threshold()),
-          attributes_(query.attributes, cache, query.attribute_values),
-          mesh_(&attributes_, query.plane.has_value()),
-          parts_(query.box, part_vertices, sink, progress) {
-        if (query.attribute_values == nullptr) {
+    explicit HexMarch(TraversalRun& run)
+        : SubtreeMesh(run),
+          projection_(run.cache, run.query.stop, run.query.tolerance.threshold()) {
+        if (run.query.attribute_values == nullptr) {
             // NOLINTNEXTLINE(clang-analyzer-core.CallAndMessage): it takes this object for null
-            attributes_.take_values([this](const Int3& node) { return projection_.value(node); });
+            attributes_.take_values(
+                [this](const Int3& node) { return projection_.projected(node); });
         }
     }
-    HexWorker(const HexWorker&) = delete;
-    HexWorker& operator=(const HexWorker&) = delete;
 
-    void begin(std::uint64_t subtree) { parts_.begin(subtree); }
-    void flush() { parts_.flush(mesh_); }
-    /// See CellWalk.
-    bool refines(const Cell& cell, Overlap where) {
-        const double number = cell.level > 0 ? projection_.number(cell.level, cell.at) : 0;
-        if (!is_of_interest(query_, projection_, cell, number)) {
-            return false;
-        }
-        if (cell.level > 0 && !projection_.stops(number)) {
-            return true;
-        }
-        march(cell, number, where == Overlap::crossing);
-        return false;
-    }
-    [[nodiscard]] TraversalCounts counts() const {
-        TraversalCounts counts = counts_;
-        counts.visited = walk.visited();
-        counts.value_rounding.add(attributes_.value_rounding());
-        return counts;
-    }
-
-    CellWalk<3> walk;
-
-  private:
-    void march(const Cell& cell, double number, bool cut) {
-        if (walk.is_for_others()) {
-            return;
-        }
+    [[nodiscard]] HexProjection& numbers() { return projection_; }
+    void operator()(const Cell& cell, double number, Overlap where) {
         projection_.forget_largest_number();
         HexCell hex{cell.low(), cell.edge(), projection_.nodes_of(cell.level, cell.at), {}};
         for (unsigned p = 0; p < 27; ++p) {
@@ -64,38 +63,39 @@ class HexWorker {
             }
             const Int3 twice = Int3{3, 3, 3}.unlinear(p) * cell.edge();
             const Int3 node = cell.low() + Int3{twice.x / 2, twice.y / 2, twice.z / 2};
-            const double value = projection_.value(node);
+            const double value = projection_.projected(node);
             if (!std::isfinite(value)) {
                 return;
             }
-            hex.value[p] = query_.plane ? query_.plane->distance(node) : value;
+            hex.value[p] = run_.query.plane ? run_.query.plane->distance(node) : value;
         }
-        if (mesh_.march_hex_cell(hex, query_.plane ? 0 : query_.iso, cut)) {
-            ++counts_.leaves;
-            counts_.error_bound =
-                std::max({counts_.error_bound, number, projection_.largest_number()});
+        if (mesh_.march_hex_cell(hex, run_.query.plane ? 0 : run_.query.iso,
+                                 where == Overlap::crossing)) {
+            count_leaf(std::max(number, projection_.largest_number()));
         }
-        parts_.flush_if_full(mesh_);
+        flush_if_full();
     }
 
-    const TraversalQuery& query_;
+  private:
     HexProjection projection_;
-    AttributeSampler attributes_;
-    LocalMesh mesh_;
-    SubtreeParts parts_;
-    TraversalCounts counts_;
 };
 
-/// Levels below the coarsest at which the subtrees begin that are the threads' work.
-constexpr int kTopLevels = 3;
+/// Number of levels below the coarsest at which the threads' subtrees start.
+constexpr int kTopCells = 3;
 
 }  // namespace
 
-TraversalCounts traverse_hexahedra(ChunkCache& cache, const TraversalQuery& query,
-                                   std::size_t part_vertices, const PartSink& sink,
-                                   Progress& progress) {
-    return walk_cells<3>(cache, query, kTopLevels, progress,
-                         [&] { return HexWorker(cache, query, part_vertices, sink, progress); });
+TraversalCounts traverse_hexahedra(TraversalRun& run) {
+    const PassesCell interest{run.query};
+    const StopsBelow stop{run.query.tolerance, run.query.stop};
+    return traverse_subtrees<Cell>(
+        run, interest, stop, kTopCells, [&] { return HexMarch(run); },
+        [&] {
+            return element_scout<Cell>(
+                HexProjection(run.cache, run.query.stop, run.query.tolerance.threshold()),
+                InBox{run.query.box}, interest, stop,
+                CellNeeds(run.layout(), run.query, !run.query.plane));
+        });
 }
 
 }  // namespace isonest::detail

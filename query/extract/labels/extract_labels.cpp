@@ -1,0 +1,269 @@
+#include "query/extract/labels/extract_labels.h"
+
+#include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include <isonest/error.h>
+#include <isonest/extract.h>
+#include <isonest/neuroglancer_meshes.h>
+
+#include "query/extract/labels/label_net.h"
+#include "query/extract/report.h"
+#include "query/neuroglancer/cut_mesh.h"
+#include "query/neuroglancer/encode_fragment.h"
+#include "query/neuroglancer/label_files.h"
+#include "query/statistics/find_labels.h"
+#include "store/base/vectors.h"
+#include "store/base/workers.h"
+
+namespace isonest::detail {
+namespace {
+
+/// Nodes along an edge of a cell at level 0, unless it would contain too many triangles.
+constexpr std::int64_t kChunk = 64;
+/// No further level is made after one with at most this many triangles.
+constexpr std::uint64_t kFewTriangles = 500;
+
+/// Maximum movement of a point by rounding in cells, as a multiple of the distance between nodes
+/// along each axis.
+double half_step(std::int64_t nodes_in_cell) {
+    return static_cast<double>(nodes_in_cell) / kMaxInCell / 2;
+}
+
+double diagonal_of_voxel(const StoreHeader& header) {
+    return header.steps().diagonal();
+}
+
+/// The grid of a label at level 0, with few enough cells to be numbered.
+DetailGrid grid_of(const StoreHeader& header, const Label& label) {
+    DetailGrid grid;
+    grid.origin = header.origin;
+    grid.steps = header.steps();
+    // The mesh is in the cells of the lattice around the label's nodes.
+    grid.first = label.low - Int3{1, 1, 1};
+    grid.chunk = kChunk;
+    const Int3 nodes = label.high - label.low + Int3{3, 3, 3};
+    const auto bits = [&] {
+        return ZOrderedCells(ceil_div(nodes, Int3{grid.chunk, grid.chunk, grid.chunk})).bits();
+    };
+    while (bits() > ZOrderedCells::kMaxBits) {
+        grid.chunk *= 2;
+    }
+    return grid;
+}
+
+/// Writes the files of one label.
+class LabelDetails {
+  public:
+    LabelDetails(const LabelNet& net, const StoreHeader& header, const Progress& progress)
+        : net_(net), header_(header), scratch_(net.scratch()), progress_(progress) {}
+
+    NeuroglancerReport write(std::size_t number, const Label& label,
+                             const std::filesystem::path& folder) {
+        NeuroglancerReport report;
+        DetailGrid grid = grid_of(header_, label);
+        auto [finest, finest_report] = finest_of(number, label, grid);
+        LabelFiles files(folder, label.id, scratch_);
+        add(*finest, files, 0, report);
+        finest.reset();
+        for (int level = 1; level < net_.levels(); ++level) {
+            const std::uint64_t before = net_.triangles(number, level - 1);
+            if (before <= kFewTriangles ||
+                !is_worth_a_level(before, net_.triangles(number, level))) {
+                break;
+            }
+            DetailGrid coarse = grid;
+            coarse.level = level;
+            CutMesh mesh(coarse, scratch_);
+            net_.emit_level(number, level, mesh, progress_);
+            if (mesh.largest() > kMaxInFragment) {
+                break;
+            }
+            add(mesh, files, level, report);
+        }
+        const double widest = *std::max_element(header_.spacing.begin(), header_.spacing.end());
+        std::vector<double> scales;
+        for (std::size_t level = 0; level < report.levels.size(); ++level) {
+            scales.push_back(net_.scale(static_cast<int>(level)) / widest);
+        }
+        files.publish(grid, scales);
+        report.finest = in_cells(std::move(finest_report), half_step(grid.nodes()),
+                                 rounding_of(grid), scratch_.meter()->peak());
+        return report;
+    }
+
+  private:
+    /// The finest mesh in cells, none of which has too many triangles.
+    std::pair<std::unique_ptr<CutMesh>, ExtractReport> finest_of(std::size_t number,
+                                                                 const Label& label,
+                                                                 DetailGrid& grid) {
+        for (;; grid.chunk /= 2) {
+            auto mesh = std::make_unique<CutMesh>(grid, scratch_);
+            ExtractReport report = net_.emit_label(number, *mesh, progress_, LabelNet::Axes::own);
+            if (mesh->largest() <= kMaxInFragment) {
+                return {std::move(mesh), std::move(report)};
+            }
+            if (grid.chunk == 1) {
+                throw Error(ErrorKind::limit,
+                            fmt::format("label {}: {} triangles lie between neighbouring nodes, "
+                                        "more than Neuroglancer's format takes here",
+                                        label.id, mesh->largest()));
+            }
+        }
+    }
+    [[nodiscard]] double rounding_of(const DetailGrid& grid) const {
+        return half_step(grid.nodes()) * diagonal_of_voxel(header_);
+    }
+    void add(const CutMesh& mesh, LabelFiles& files, int level, NeuroglancerReport& report) const {
+        DetailLevel made = files.add_level(mesh, progress_);
+        made.bound = net_.bound(level) + rounding_of(mesh.grid());
+        report.levels.push_back(made);
+    }
+
+    const LabelNet& net_;
+    const StoreHeader& header_;
+    const ScratchFolder& scratch_;
+    const Progress& progress_;
+};
+
+}  // namespace
+
+DetailSetting detail_setting(const StoreHeader& header) {
+    // The last level is within 32 voxels, if no distance is requested.
+    constexpr int kMaxLevels = 8;
+    return {half_step(kChunk) * diagonal_of_voxel(header), kMaxLevels, kFragmentHeap};
+}
+
+NeuroglancerReport write_label_details(const LabelNet& net, const StoreHeader& header,
+                                       std::size_t number, const Label& label,
+                                       const std::filesystem::path& folder,
+                                       const Progress& progress) {
+    return LabelDetails(net, header, progress).write(number, label, folder);
+}
+
+}  // namespace isonest::detail
+
+namespace isonest {
+namespace {
+
+/// With less memory for each, fewer labels are processed concurrently.
+constexpr std::uint64_t kMemoryEach = 256U << 20U;
+
+}  // namespace
+
+void extract_labels(const Store& store, std::span<const Label> labels, const LabelQuery& query,
+                    const std::function<std::unique_ptr<MeshSink>(const Label&)>& sink,
+                    const std::function<void(std::size_t number, const ExtractReport&)>& done,
+                    const ExtractOptions& options, Progress& progress) {
+    if (query.smooth) {
+        detail::smooth_labels(store.reader(), labels, query, sink, done, options, progress);
+        return;
+    }
+    if (labels.empty()) {
+        return;
+    }
+    const int threads = detail::Workers::count_of(options.threads);
+    const auto most = std::min<std::uint64_t>(labels.size(), static_cast<std::uint64_t>(threads));
+    const auto together =
+        static_cast<int>(std::clamp<std::uint64_t>(options.memory / kMemoryEach, 1, most));
+    ExtractOptions each = options;
+    each.memory = options.memory / static_cast<std::uint64_t>(together);
+    each.threads = std::max(threads / together, 1);
+    each.team = nullptr;  // only one thread may use it at a time
+    progress.begin("extract", labels.size(), "labels");
+    detail::LabelProgress silent(progress);
+    detail::Workers(together).execute([&] {
+        tbb::parallel_for(
+            tbb::blocked_range<std::size_t>(0, labels.size(), 1),
+            [&](const tbb::blocked_range<std::size_t>& range) {
+                for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                    progress.check();
+                    LabelQuery own = query;
+                    own.label = LabelChoice{labels[i].id, {{labels[i].low, labels[i].high}}};
+                    const std::unique_ptr<MeshSink> to = sink(labels[i]);
+                    done(i, extract(store, own, *to, each, silent));
+                    progress.advance(1);
+                }
+            },
+            tbb::simple_partitioner{});
+    });
+}
+
+ExtractReport extract_interfaces(const Store& store, std::span<const Label> labels,
+                                 const LabelQuery& query, MeshSink& sink,
+                                 const std::function<void(const LabelInterface&)>& each,
+                                 const ExtractOptions& options, Progress& progress) {
+    return detail::label_interfaces(store.reader(), labels, query, sink, each, options, progress);
+}
+
+namespace {
+
+/// Throws the errors of extract_neuroglancer_meshes() before any work.
+void require_segments(const Store& store, std::span<const Label> labels) {
+    const std::string name = store.reader().path().string();
+    if (!has_neuroglancer_meshes()) {
+        throw Error(ErrorKind::unsupported,
+                    "levels of detail for Neuroglancer need Draco, which this build does not have",
+                    {{RemedyKind::install_package, "libdraco-dev"}});
+    }
+    for (const Label& label : labels) {
+        if (label.id < 0) {
+            throw Error(
+                ErrorKind::invalid_argument, {name},
+                fmt::format("label {}: Neuroglancer does not support negative labels", label.id));
+        }
+    }
+}
+
+/// Names of these labels; empty if none has one.
+std::vector<LabelName> names_of(const Store& store, std::span<const Label> labels) {
+    std::vector<LabelName> names;
+    bool has_name = false;
+    for (const Label& label : labels) {
+        LabelName name = store.label_name(label.id).value_or(LabelName{});
+        name.id = label.id;
+        has_name = has_name || !name.name.empty();
+        names.push_back(std::move(name));
+    }
+    return has_name ? names : std::vector<LabelName>{};
+}
+
+}  // namespace
+
+Double3 shift_of(const Store& store, VoxelOrigin origin) {
+    Double3 shift{};
+    const auto& header = store.reader().layout().header();
+    for (std::size_t axis = 0; axis < 3 && origin == VoxelOrigin::corner; ++axis) {
+        for (std::size_t row = 0; row < 3; ++row) {
+            shift[row] += header.direction[axis][row] * header.spacing[axis] / 2;
+        }
+    }
+    return shift;
+}
+
+bool has_neuroglancer_meshes() {
+    return detail::has_draco();
+}
+
+void extract_neuroglancer_meshes(
+    const Store& store, std::span<const Label> labels, const LabelQuery& query,
+    const std::filesystem::path& folder,
+    const std::function<void(std::size_t number, const NeuroglancerReport&)>& done,
+    const ExtractOptions& options, Progress& progress, VoxelOrigin origin) {
+    require_segments(store, labels);
+    detail::neuroglancer_labels(store.reader(), labels, query, folder, done, options, progress);
+    const std::vector<LabelName> names = names_of(store, labels);
+    if (!names.empty()) {
+        detail::write_segment_properties(folder, names);
+    }
+    detail::write_mesh_info(folder, store.reader().layout().header(), shift_of(store, origin),
+                            !names.empty());
+}
+
+}  // namespace isonest

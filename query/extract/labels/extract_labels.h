@@ -1,0 +1,27 @@
+// A label's mesh at several levels of detail, as files in Neuroglancer's format.
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+
+#include <isonest/labels.h>
+#include <isonest/neuroglancer_meshes.h>
+#include <isonest/progress.h>
+
+#include "query/extract/labels/label_net.h"
+#include "store/container/format.h"
+
+namespace isonest::detail {
+
+/// The settings of a net with details, for a store with this header.
+DetailSetting detail_setting(const StoreHeader& header);
+
+/// Writes the files of labels[number] of the net, `label`. REQUIRES: the net has details, as from
+/// detail_setting(). Throws Error{io, limit, cancelled}. Thread-safety: any number of concurrent
+/// calls.
+NeuroglancerReport write_label_details(const LabelNet& net, const StoreHeader& header,
+                                       std::size_t number, const Label& label,
+                                       const std::filesystem::path& folder,
+                                       const Progress& progress);
+
+}  // namespace isonest::detail

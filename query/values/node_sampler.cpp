@@ -1,0 +1,252 @@
+#include "query/values/node_sampler.h"
+
+#include <algorithm>
+
+#include "query/values/brick_view.h"
+#include "query/values/topology.h"
+#include "store/container/chunk_cache.h"
+
+namespace isonest::detail {
+
+void NodeSampler::enter(int level, const Int3& node) {
+    home_level_ = level;
+    const std::int64_t stride = std::int64_t{1} << level;
+    home_chunk_ = layout_->array(level, Field::values)
+                      .chunk_of({node.x / stride, node.y / stride, node.z / stride});
+}
+
+void NodeSampler::leave() {
+    home_level_.reset();
+    home_ = {};
+    values_ = {};
+    indicators_ = {};
+}
+
+bool NodeSampler::is_home(const ArrayInfo& array, const Int3& chunk) const {
+    return array.field == Field::values && home_level_ == array.level && chunk == home_chunk_;
+}
+
+void NodeSampler::look_at(Recent& recent, int level, Field field) {
+    if (recent.array == nullptr || recent.array->field != field) {
+        recent = {&layout_->array(level, field), {-1, -1, -1}, {}, {}};
+    }
+}
+
+const std::byte* NodeSampler::element(Recent& recent, const Int3& node, int component) {
+    const ArrayInfo& array = *recent.array;
+    Int3 p = node - recent.first;
+    const bool near = recent.chunk.x >= 0 && min(p, {0, 0, 0}) == Int3{0, 0, 0} &&
+                      p.x < array.chunk.x && p.y < array.chunk.y && p.z < array.chunk.z;
+    const Int3 chunk = near ? recent.chunk : array.chunk_of(node);
+    if (!near) {
+        p = node - array.first_node(chunk);
+    }
+    const bool home = is_home(array, chunk);
+    Recent& from = home ? home_ : recent;
+    const std::byte* at = chunk == from.chunk ? cache_->find(array, from.part, p) : nullptr;
+    if (at == nullptr) {
+        from.part = {};
+        const bool whole = home || !home_level_;
+        from = {&array, chunk, array.first_node(chunk),
+                whole ? ChunkPart{cache_->get(array, chunk), true} : cache_->part(array, chunk, p)};
+        at = cache_->find(array, from.part, p);
+    }
+    return at + static_cast<std::size_t>(component) * array.codec.element_size;
+}
+
+double NodeSampler::value(const Int3& p, int level) {
+    const int from = std::min(level, layout_->lattice().top());
+    Recent& recent = values_[static_cast<std::size_t>(from)];
+    look_at(recent, from, Field::values);
+    const Int3 node = max({0, 0, 0}, min({p.x >> from, p.y >> from, p.z >> from},
+                                         recent.array->nodes - Int3{1, 1, 1}));
+    const std::byte* const at = element(recent, node, 0);
+    return dispatch(layout_->header().type, [&](auto tag) {
+        return static_cast<double>(*reinterpret_cast<const typename decltype(tag)::type*>(at));
+    });
+}
+
+Double3 NodeSampler::gradient(const Int3& p, int level) {
+    const std::int64_t stride = std::int64_t{1} << level;
+    const Int3 last = layout_->lattice().nodes_at(level) - Int3{1, 1, 1};
+    Double3 g{};
+    for (int axis = 0; axis < 3; ++axis) {
+        Int3 low = p;
+        Int3 high = p;
+        low[axis] = std::max<std::int64_t>(p[axis] - stride, 0);
+        high[axis] = std::min(p[axis] + stride, last[axis] * stride);
+        if (low[axis] == high[axis]) {
+            continue;
+        }
+        const auto a = static_cast<std::size_t>(axis);
+        g[a] = (value(high, level) - value(low, level)) /
+               (static_cast<double>(high[axis] - low[axis]) * steps_.along[a]);
+    }
+    return steps_.gradient(g);
+}
+
+double NodeSampler::at_level_1(const Int3& x, const NodeInfo& node, bool plus) {
+    const double eta = finest_offset(value(x, 0), value(node.end0, 0), value(node.end1, 0),
+                                     layout_->rounds_outward());
+    if (node.kind == NodeKind::edge) {
+        return eta;
+    }
+    const int top = layout_->lattice().top();
+    double largest = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+        if (node.odd[static_cast<std::size_t>(axis)]) {
+            for (const std::int64_t step : {-1, 1}) {
+                Int3 child = x;
+                child[axis] += step;
+                largest = std::max(largest, at_level_1(child, describe_node(child, top), plus));
+            }
+        }
+    }
+    return plus ? eta + largest : std::max(eta, largest);
+}
+
+double NodeSampler::stored(Recent& recent, const Int3& owner, int slot) {
+    const ArrayInfo& array = *recent.array;
+    const std::byte* const at = element(recent, owner, slot - array.first_slot);
+    return array.codec.element_size == sizeof(float)
+               ? static_cast<double>(*reinterpret_cast<const float*>(at))
+               : static_cast<double>(decode_indicator(*reinterpret_cast<const IndicatorCode*>(at)));
+}
+
+double NodeSampler::indicator(const Int3& x, Field field) {
+    const NodeInfo node = describe_node(x, layout_->lattice().top());
+    if (node.scale == 0) {
+        return 0;
+    }
+    const int level = node.level();
+    const Int3 p{x.x / node.scale, x.y / node.scale, x.z / node.scale};
+    const Int3 owner{p.x / 2, p.y / 2, p.z / 2};
+    const int slot = slot_of(p);
+    Recent& recent = indicators_[static_cast<std::size_t>(level)];
+    look_at(recent, level, field);
+    if (slot < recent.array->first_slot) {
+        // Level 1: computed from the values of a cube that contains the node.
+        const Int3 cube = min(owner, layout_->lattice().elements_at(1) - Int3{1, 1, 1});
+        const unsigned mirror = mirror_of(cube);
+        CubeValues u{};
+        int position = 0;
+        for (int i = 0; i < 27; ++i) {
+            const Int3 at = cube * 2 + node_offset(i, mirror);
+            u[static_cast<std::size_t>(i)] = value(at, 0);
+            position = at == x ? i : position;
+        }
+        return finest_indicator(u, position, saturation_of(field) == Saturation::plus,
+                                layout_->rounds_outward());
+    }
+    return stored(recent, owner, slot);
+}
+
+double NodeSampler::grid_indicator(const Int3& x, Field field) {
+    const NodeInfo node = describe_node(x, layout_->lattice().top());
+    const int level = node.level();
+    const int shift = level - 1;
+    const Int3 p{x.x >> shift, x.y >> shift, x.z >> shift};
+    Recent& recent = indicators_[static_cast<std::size_t>(level)];
+    look_at(recent, level, field);
+    const int slot = slot_of(p);
+    if (slot < recent.array->first_slot) {
+        return at_level_1(x, node, saturation_of(field) == Saturation::plus);
+    }
+    return stored(recent, {p.x >> 1, p.y >> 1, p.z >> 1}, slot);
+}
+
+namespace {
+
+bool is_in(const Box<double>& box, const Int3& p) {
+    return max(p, box.lo) == p && max(p + Int3{1, 1, 1}, box.lo + box.size) == box.lo + box.size;
+}
+
+/// Level 1: the cubes' centres are stored; faces and edges are computed from the values.
+template <class T>
+void fill_finest(ChunkCache& cache, Field field, Box<double>& box) {
+    const StoreLayout& layout = cache.source().layout();
+    const Int3 reach = layout.lattice().cells_at(1) * 2;
+    const Int3 last = min(box.lo + box.size - Int3{1, 1, 1}, reach);
+    if (max(last, box.lo) != last) {
+        return;
+    }
+    const auto cube_of = [&](const Int3& p) {
+        return min({p.x / 2, p.y / 2, p.z / 2}, layout.lattice().elements_at(1) - Int3{1, 1, 1});
+    };
+    const Int3 first_cube = cube_of(box.lo);
+    const Int3 cubes = cube_of(last) - first_cube + Int3{1, 1, 1};
+    Box<T> values(first_cube * 2, cubes * 2 + Int3{1, 1, 1});
+    gather_values(cache, layout.array(0, Field::values), values);
+    const ArrayInfo& array = layout.array(1, field);
+    const bool plus = saturation_of(field) == Saturation::plus;
+    const bool outward = layout.rounds_outward();
+    const Int3 c0 = array.chunk_of(first_cube);
+    const Int3 chunks = array.chunk_of(first_cube + cubes - Int3{1, 1, 1}) - c0 + Int3{1, 1, 1};
+    for (std::int64_t c = 0; c < chunks.product(); ++c) {
+        const Int3 base = array.first_node(c0 + chunks.unlinear(c));
+        IndicatorView centres(cache, array, base);
+        const Int3 from = max(base, first_cube);
+        const Int3 count = min(base + array.chunk, first_cube + cubes) - from;
+        for (std::int64_t i = 0; i < count.product(); ++i) {
+            const Int3 cube = from + count.unlinear(i);
+            // finest_indicator() needs the all-even corner first: mirror the odd cubes.
+            const unsigned mirror = mirror_of(cube);
+            const CubeValues u = cube_values(values, cube);
+            for (int p = 0; p < 27; ++p) {
+                const Int3 at = cube * 2 + node_offset(p, mirror);
+                const bool refines = ((at.x | at.y | at.z) & 1) != 0;
+                if (!refines || !is_in(box, at) || max(at, reach) != reach) {
+                    continue;
+                }
+                const bool centre = slot_of(at) == array.first_slot;
+                box.at(at) = centre ? centres.at(cube - base, array.first_slot)
+                                    : finest_indicator(u, p, plus, outward);
+            }
+        }
+    }
+}
+
+/// Fills the nodes of one level with all slots stored.
+void fill_level(ChunkCache& cache, const ArrayInfo& array, Box<double>& box) {
+    const std::int64_t scale = std::int64_t{1} << (array.level - 1);
+    const Int3 scales{scale, scale, scale};
+    const Int3 reach = cache.source().layout().lattice().cells_at(array.level) * 2;
+    // In units of the scale.
+    const Int3 first = ceil_div(box.lo, scales);
+    const Int3 end = min(ceil_div(box.lo + box.size, scales), reach + Int3{1, 1, 1});
+    if (min(end - first, {1, 1, 1}) != Int3{1, 1, 1}) {
+        return;
+    }
+    const auto owner_of = [](const Int3& p) { return Int3{p.x / 2, p.y / 2, p.z / 2}; };
+    const Int3 c0 = array.chunk_of(owner_of(first));
+    const Int3 chunks = array.chunk_of(owner_of(end - Int3{1, 1, 1})) - c0 + Int3{1, 1, 1};
+    for (std::int64_t c = 0; c < chunks.product(); ++c) {
+        const Int3 base = array.first_node(c0 + chunks.unlinear(c));
+        IndicatorView view(cache, array, base);
+        const Int3 from = max(base * 2, first);
+        const Int3 count = min((base + array.chunk) * 2, end) - from;
+        for (std::int64_t i = 0; i < count.product(); ++i) {
+            const Int3 p = from + count.unlinear(i);
+            if (((p.x | p.y | p.z) & 1) != 0) {
+                box.at(p * scale) = view.at(owner_of(p) - base, slot_of(p));
+            }
+        }
+    }
+}
+
+}  // namespace
+
+void fill_indicators(ChunkCache& cache, Field field, int level, Box<double>& box) {
+    const StoreLayout& layout = cache.source().layout();
+    const int top = layout.lattice().top();
+    const bool derived = centre_suffices_at_level_1(field);
+    if (derived && level <= 1 && top >= 1) {
+        dispatch(layout.header().type,
+                 [&](auto tag) { fill_finest<typename decltype(tag)::type>(cache, field, box); });
+    }
+    for (int l = std::max(level, derived ? 2 : 1); l <= top; ++l) {
+        fill_level(cache, layout.array(l, field), box);
+    }
+}
+
+}  // namespace isonest::detail
