@@ -1,11 +1,11 @@
-// Which stored bytes a surface needs and which extraction reads, chunk array by chunk array.
+// Which stored bytes a surface needs and which the extraction reads, for each chunk array.
 //
 // usage: isonest_chunk_bytes STORE ISOVALUE ERROR_RELATIVE [MEMORY_MIB]
 //
-// Needed are the chunks in which a leaf tetrahedron's corners lie (values of its level) or its
-// refinement node (the stored deviation_bar; at level 1 all but the centres follow from values of
-// level 0). The leaves come from the traversal itself, what was read from the chunk source, each
-// time that a chunk was decoded.
+// A surface needs the chunks with the corners of leaf tetrahedra (values of their level) or their
+// refinement nodes (the stored deviation_bar; at level 1 all but the centres follow from values of
+// level 0). The leaves come from the traversal itself; the reads come from the chunk source, one
+// each time that a chunk is decoded.
 #include <fmt/format.h>
 
 #include <bit>
@@ -17,7 +17,7 @@
 
 #include "query/traverse/traversal.h"
 #include "store/container/reader.h"
-#include "store/container/wrapping/recording_source.h"
+#include "store/container/wrapped_sources.h"
 #include "tools/bench/run_program.h"
 
 using namespace isonest;
@@ -63,7 +63,7 @@ void need(const StoreLayout& layout, const Leaf& leaf, Chunks& needed) {
     }
     const Int3 twice = refinement_node_twice(leaf);
     if (((twice.x | twice.y | twice.z) & 1) != 0) {
-        return;  // of level 0: nothing refines it
+        return;  // at level 0, where nothing refines it
     }
     const Int3 node = at_level(twice, 1);
     const int level = std::countr_zero(static_cast<std::uint64_t>(node.x | node.y | node.z)) + 1;

@@ -1,12 +1,12 @@
-// What the smallest and largest values of cubes and chunks save, beside the bounds alone: the paper
-// says that bounds from the indicators make a min/max tree unnecessary.
+// What the smallest and largest values of cubes and chunks save, compared with the bounds alone.
+// The paper claims that bounds from the indicators make a min/max tree unnecessary.
 //
 // usage: isonest_cube_ranges STORE ISOVALUE [ROUNDS]
 //
-// The same surface is traversed with the ranges and without them, by the bound deviation_bar and by
-// linf_plus (the paper's beta_0 without its factor 1/2), within 1 % of the range, within next to
-// nothing (so that all levels are gone through) and at full resolution. Without the ranges, a
-// surface at full resolution reads all values: there the chunk table takes the place of the bounds.
+// The same surface is traversed with and without the ranges, with the bound deviation_bar and with
+// linf_plus (the paper's beta_0 without its factor 1/2): within 1 % of the range, within almost 0
+// (so that all levels are traversed), and at full resolution. Without the ranges, a surface at full
+// resolution reads all values, because there the chunk table replaces the bounds.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -20,7 +20,7 @@
 
 #include "query/traverse/traversal.h"
 #include "store/container/reader.h"
-#include "store/container/wrapping/forwarding_source.h"
+#include "store/container/wrapped_sources.h"
 #include "tools/bench/run_program.h"
 
 using namespace isonest;
@@ -28,7 +28,7 @@ using namespace isonest::detail;
 
 namespace {
 
-/// A store that does not say which values there are in a cube or in a chunk.
+/// A store without ranges of values in cubes and chunks.
 class WithoutRanges : public ForwardingSource {
   public:
     using ForwardingSource::ForwardingSource;
@@ -48,7 +48,7 @@ struct Measured {
     TraversalCounts counts;
     std::uint64_t bytes = 0;
     std::uint64_t chunks = 0;
-    double seconds = std::numeric_limits<double>::infinity();  ///< least of the rounds
+    double seconds = std::numeric_limits<double>::infinity();  ///< minimum of the rounds
 };
 
 void measure(const ChunkSource& source, const TraversalQuery& query, Measured& measured) {
@@ -103,7 +103,7 @@ int run(int argc, char** argv) {
                            m.chunks, m.bytes, m.seconds);
             }
             if (tolerance == 0) {
-                break;  // no bound is asked
+                break;  // the bounds are not used
             }
         }
     }

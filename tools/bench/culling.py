@@ -3,8 +3,8 @@
 
 usage: tools/bench/culling.py STORE --iso V [--error E] [--views 100] [--isonest PROGRAM]
 
-STORE needs normal_turn_plus or grad_linf_plus (preprocess --indicators ...). Prints the mean, least and
-largest fraction of visited tetrahedra, triangles, bytes read and time that is left, for each of the two that it has.
+STORE needs normal_turn_plus or grad_linf_plus (preprocess --indicators ...). For each of the two that it has, prints
+the mean, smallest and largest fraction that remains of visited tetrahedra, triangles, bytes read and time.
 """
 import argparse
 import json
@@ -31,7 +31,7 @@ keys = ("visited_tetrahedra", "triangles", "bytes_read", "seconds")
 
 def extract(folder, *options):
     done = subprocess.run([args.isonest, "extract", args.store, "--iso", args.iso, "--error", args.error,
-                           "-o", f"{folder}/m.ply", "--json", *options], check=True,
+                           "--cells", "tet", "--effort", "none", "-o", f"{folder}/m.ply", "--json", *options], check=True,
                           stdout=subprocess.PIPE)
     return json.loads(done.stdout)
 

@@ -1,13 +1,13 @@
 #!/usr/bin/python3
-"""isonest smooth beside ITK's and VTK's anisotropic diffusion: noise of a known size is added to a volume, each
-program takes it away again, and what counts is how near the result is to the volume without noise.
+"""isonest smooth compared with ITK's and VTK's anisotropic diffusion: noise of a known size is added to a volume,
+each program removes it, and the result is compared with the volume without noise.
 
 usage: diffusion_peers.py BUILD VOLUME.raw NX NY NZ TYPE [--noise PART] [--threads N] [--folder FOLDER]
 
-BUILD holds bin/isonest and bin/isonest_itk_diffusion (-DISONEST_BENCH=ON). VOLUME: raw numbers of a NumPy type
-(u1, >u2, <f4), gzip or not. Noise: Gaussian, PART of the range (0.05). PSNR in dB, to the range. Each program is
-tried with several parameters, and the time is that of the fewest iterations (for isonest: steps) that reach the
-PSNR named; ITK and isonest run as programs, VTK in this one, without reading and writing of files for ITK and VTK.
+BUILD contains bin/isonest and bin/isonest_itk_diffusion (-DISONEST_BENCH=ON). VOLUME: raw numbers of a NumPy type
+(u1, >u2, <f4), optionally gzip. Noise: Gaussian, PART of the range (0.05). PSNR in dB, relative to the range. Each
+program is tried with several parameters; the time is that of the fewest iterations (for isonest: steps) that reach
+the named PSNR. ITK and isonest run as programs, VTK in this one; ITK and VTK without reading and writing files.
 """
 import argparse
 import gzip

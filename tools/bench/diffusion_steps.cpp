@@ -1,13 +1,13 @@
-// A step of nonlinear diffusion on a grid of some of the nodes beside one on all of them: time and
+// Compares a step of nonlinear diffusion on a grid of some nodes with one on all nodes: time and
 // difference of the results.
 //
 // usage: isonest_diffusion_steps VOLUME.raw NX NY NZ [PART [STEPS [THREADS [ROUNDS]]]]
 //        isonest_diffusion_steps ball N 0 0 ...
 //
-// VOLUME.raw: float32, x fastest; `ball`: a smoothed ball in noise on N^3 nodes. PART of the nodes
-// (0.2) is what the threshold leaves active in the first step, to 2 %; STEPS (4) follow each other.
-// lambda is 3 % of the range, tau 0.5, sigma 1. Both run in turn, ROUNDS (5) times; seconds are the
-// least of processor time, since the rest of the machine can only add to it.
+// VOLUME.raw: float32, x fastest; `ball`: a smoothed ball in noise on N^3 nodes. PART (0.2) is the
+// fraction of nodes that the threshold leaves active in the first step, to within 2 %; STEPS (4)
+// follow each other. lambda is 3 % of the range, tau 0.5, sigma 1. Both run in turn, ROUNDS (5)
+// times; the seconds are the minimum of the processor time, because other load can only add to it.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -41,7 +41,7 @@ std::vector<float> ball(std::int64_t n) {
     return values;
 }
 
-/// What a run of steps gave.
+/// The results of some steps.
 struct Steps {
     std::vector<double> seconds;
     std::vector<DiffusionStep> reports;
@@ -61,7 +61,7 @@ Steps run(const Lattice& lattice, const std::vector<float>& values, const Diffus
     return out;
 }
 
-/// The threshold that leaves this part of the nodes.
+/// The threshold that leaves this fraction of the nodes active.
 double threshold_for(const Lattice& lattice, const std::vector<float>& values, double part,
                      double range) {
     double low = 0;

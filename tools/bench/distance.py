@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Surfaces within a distance: how small they are beside the peers', and whether they keep what was asked.
+"""Surfaces within a distance: how small they are compared with peers, and whether they keep the requested distance.
 
 usage: distance.py ISONEST PLUGIN_FOLDER compare|targets|verify [--data FOLDER] [--volumes A,B] [--isos N]
                    [--distances D,D] [--min-component N] [--quadrics] [--extract OPTIONS] [--folder FOLDER]
@@ -8,19 +8,19 @@ usage: distance.py ISONEST PLUGIN_FOLDER compare|targets|verify [--data FOLDER] 
 compare   a markdown table. isonest extracts within each distance; its two-sided maximum (max) and the larger 99.9 %
           quantile (q) are measured against its own full surface. The peer is VTK's Flying Edges and meshoptimizer's
           simplification, measured against Flying Edges' full mesh; its target error is found by bisection, twice:
-          the fewest triangles with a maximum no larger, and with a quantile no larger (and as near as it gets).
-          --quadrics adds vtkQuadricDecimation to as many triangles as isonest's, and what distance that has.
-targets   the peer alone, at a maximum no larger than each distance, beside isonest's full surface.
+          the fewest triangles with a maximum that is not larger, and with a quantile that is not larger (and as
+          close as possible). --quadrics adds vtkQuadricDecimation to as many triangles as isonest's, and its distance.
+targets   only the peer, at a maximum that is not larger than each distance, and isonest's full surface.
 verify    every volume, the first N of its isovalues (3), every distance, and the volumes of odd_volumes.py: exit code 1
           if a maximum exceeds the distance, or a mesh has an edge of more than two triangles, two that disagree
           about the outside, a border inside the volume or an unused vertex, where the full one has none.
 
-Distances are in voxels: smallest spacings. FOLDER (--data) has the files of VOLUMES; without it, verify takes the odd
-volumes alone. Components of fewer than --min-component triangles are dropped from both full meshes first (100 in compare
+Distances are in voxels: smallest spacings. FOLDER (--data) has the files of VOLUMES; without it, verify only uses the
+odd volumes. Components of fewer than --min-component triangles are first removed from both full meshes (100 in compare
 and targets). --extract replaces `--distance D`, for instance by "--error-relative 0.05", to measure other meshes.
-Seconds are those of one run (isonest's: the median of --rounds), without the start of a program; isonest's contain
-reading the store, the peer's extraction, dropping, simplification and writing. "-" is a limit that no target error
-down to its 4000th part keeps. The measuring programs lie beside ISONEST.
+Seconds are those of one run (isonest's: the median of --rounds), without the start of a program; isonest's include
+reading the store; the peer's include extraction, removal of components, simplification and writing. "-": no target
+error down to 1/4000 of the limit keeps it. The measuring programs are in the same folder as ISONEST.
 """
 import argparse
 import json
@@ -64,7 +64,7 @@ class Bench:
         return done.stdout
 
     def store(self, name, path, options):
-        """The store of a volume, made if it is not there yet, and its smallest spacing."""
+        """The store of a volume, made if it does not exist yet, and its smallest spacing."""
         store = self.folder / f"{name}.isonest"
         if not store.exists():
             self.run(self.args.isonest, "preprocess", path, "-o", store, "-q", *options)
@@ -85,7 +85,7 @@ class Bench:
         return {**report, "seconds": statistics.median(seconds)}
 
     def full(self, store, iso, out, options=()):
-        """What the distance is measured from: hexahedra, unless --extract says otherwise."""
+        """The mesh from which the distance is measured: hexahedra, unless --extract says otherwise."""
         cells = () if self.args.extract else ("--cells", "hex")
         return self.extract(store, iso, [*options, "--error", "0", *cells], out)
 
@@ -131,7 +131,7 @@ class Peer:
 
     def smallest(self, key, limit, steps=6):
         """The fewest triangles with distance[key] <= limit that bisection of the target error finds, with the border
-        free and locked: error, triangles, seconds, that distance, the mesh's quality. None if nothing passes."""
+        free and locked: error, triangles, seconds, that distance, the mesh's quality. None if there are none."""
         options = ["--max-only", "--stop-above", repr(limit)] if key == "max" else []
         best = None
         for lock_border in LOCKS:

@@ -1,27 +1,27 @@
 #!/usr/bin/python3
-"""Surfaces within a distance beside four peers: what CGAL, VTK and OpenVDB measure or make of the same surfaces.
+"""Surfaces within a distance compared with four peers: CGAL, VTK and OpenVDB on the same surfaces.
 
 usage: distance_peers.py ISONEST PLUGIN_FOLDER hausdorff|envelope|quadrics|adaptivity --data FOLDER
                          [--volumes A,B] [--distances D,D] [--cells N] [--seconds S] [--folder FOLDER]
 
-Each mode prints a markdown table. Distances are in voxels: smallest spacings. "max" and "q" are what isonest_mesh_distance
-measures: the two-sided maximum, found to within a hundredth of a voxel, and the larger 99.9 % quantile.
+Each mode prints a markdown table. Distances are in voxels: smallest spacings. "max" and "q" are measured by
+isonest_mesh_distance: the two-sided maximum, found to within a hundredth of a voxel, and the larger 99.9 % quantile.
 
 hausdorff   on a crop: max, the bound on it, and CGAL's bounded_error_symmetric_Hausdorff_distance, whose error is at most
             a thousandth of a voxel, between isonest's mesh and its full surface. Exit code 1 if a distance is not kept,
             or if the two programs contradict each other.
-envelope    on a crop: isonest beside CGAL's edge collapse within a polyhedral envelope of the same full surface. The
-            envelope bounds the way to the full surface alone, so the maxima of both directions are shown.
-quadrics    isonest beside vtkQuadricDecimation of Flying Edges' mesh, to as many triangles. Components of fewer than
-            100 triangles are dropped on both sides first.
-adaptivity  isonest beside OpenVDB's volumeToMesh, measured against OpenVDB's mesh at adaptivity 0; the fewest triangles
+envelope    on a crop: isonest and CGAL's edge collapse within a polyhedral envelope of the same full surface. The
+            envelope only bounds the distance to the full surface, so the maxima of both directions are shown.
+quadrics    isonest and vtkQuadricDecimation of Flying Edges' mesh, to as many triangles. Components of fewer than
+            100 triangles are first removed on both sides.
+adaptivity  isonest and OpenVDB's volumeToMesh, measured against OpenVDB's mesh at adaptivity 0; the fewest triangles
             with max <= D that eight steps of bisection of the adaptivity find.
 
-A crop is the cube of --cells (48) cells on a side, of those side by side from the first node, that has the most cells
-with values on both sides of the isovalue. A program of CGAL that needs more than --seconds (300) is stopped: "-".
-Seconds are the processor time of one run: isonest's contain reading the store and writing, the peers' do not. The first isovalue of
-each volume in distance.py is used. The programs lie beside ISONEST; CGAL's and OpenVDB's are built only where
-`tools/install-deps --bench` had installed the libraries.
+A crop is the cube with --cells (48) cells per side, among those side by side from the first node, that has the most
+cells with values on both sides of the isovalue. A program of CGAL that needs more than --seconds (300) is stopped: "-".
+Seconds are the processor time of one run: isonest's include reading the store and writing, the peers' do not. The
+first isovalue of each volume in distance.py is used. The programs are in the same folder as ISONEST; CGAL's and
+OpenVDB's are only built if `tools/install-deps --bench` has installed the libraries.
 """
 import argparse
 import json
@@ -38,7 +38,7 @@ PROGRAMS = {"hausdorff": ["cgal_distance"], "envelope": ["cgal_envelope"], "quad
 
 
 def beside(bench, name, *arguments):
-    """What a program beside ISONEST prints; None if it needs more than --seconds."""
+    """The output of a program in the folder of ISONEST; None if it needs more than --seconds."""
     command = [str(a) for a in (bench.args.isonest.with_name(f"isonest_{name}"), *arguments)]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=bench.args.seconds)
@@ -50,7 +50,7 @@ def beside(bench, name, *arguments):
 
 
 def extract(bench, store, iso, options, out):
-    """The report of isonest, its seconds being processor time."""
+    """The report of isonest, with its seconds as processor time."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     report = bench.extract(store, iso, options, out)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -1,19 +1,19 @@
 #!/usr/bin/python3
-"""Both efforts of simplification within a distance, beside Flying Edges and meshoptimizer at the same 99 % quantile.
+"""Both efforts of simplification within a distance, and Flying Edges with meshoptimizer at the same 99 % quantile.
 
 usage: efforts.py ISONEST PLUGIN_FOLDER --data FOLDER [--volumes A,B] [--distances D,D] [--min-component N]
                   [--folder FOLDER] [--rounds N]
 
 A markdown table, one row for each volume, distance and effort. FOLDER (--data) has the files of distance.py's VOLUMES;
 "bucky257" and "bucky513" are made by `isonest make-volume bucky`. Distances are in voxels: smallest spacings.
-Components of fewer than N (100) triangles are dropped on both sides.
+Components of fewer than N (100) triangles are removed on both sides.
 
 isonest    triangles; the larger 99 % quantile of the distances between its mesh and its own full surface; edges folded
-           by more than 150 degrees, the full surface's in brackets; seconds and processor seconds of the whole program,
-           and microseconds of the processor for each triangle of the full surface.
-peer       of one process: the store's values are read, Flying Edges, components dropped, one meshopt_simplify, a PLY
-           written. Its target error is found by bisection, so that the larger 99 % quantile to its own full mesh is no
-           larger than isonest's, and nearly that: its triangles, seconds, processor seconds.
+           by more than 150 degrees, those of the full surface in brackets; seconds and processor seconds of the whole
+           program, and microseconds of the processor per triangle of the full surface.
+peer       a single process that reads the store's values, runs Flying Edges, removes components, calls
+           meshopt_simplify once and writes a PLY file. Its target error is found by bisection, so that the larger 99 %
+           quantile to its own full mesh is at most isonest's, and close to it: its triangles, seconds, processor seconds.
 ratios     isonest over peer: triangles, seconds, processor seconds.
 
 Both are timed in turn, after the target error is known: medians of N rounds (3).
@@ -41,7 +41,7 @@ def of_children():
 
 
 def medians(seconds):
-    """Of pairs."""
+    """Medians of pairs."""
     return [statistics.median(column) for column in zip(*seconds)]
 
 
@@ -64,7 +64,7 @@ class Ours:
 
 
 class Theirs(distance.Peer):
-    """The same by target errors for a quantile."""
+    """The same for the peer, with target errors for a quantile."""
 
     def __init__(self, bench, store, iso, voxel, least):
         super().__init__(bench, store, iso, voxel, least)
@@ -84,7 +84,7 @@ class Theirs(distance.Peer):
         return self.known[error]
 
     def largest_error(self, limit):
-        """The largest target error whose quantile is no larger; nothing: none is."""
+        """The largest target error whose quantile is at most the limit; None if there is none."""
         low, high = None, None
         error = limit
         while low is None or high is None:

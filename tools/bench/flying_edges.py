@@ -1,5 +1,5 @@
-"""VTK's Flying Edges from the dataset /data of an HDF5 file to a PLY file: the peer that needs the whole
-volume in memory. Prints JSON with the seconds of reading, extracting and writing.
+"""VTK's Flying Edges from the dataset /data of an HDF5 file to a PLY file: a peer that needs the whole volume in
+memory. Prints JSON with the seconds of reading, extracting and writing.
 
 usage: flying_edges.py IN.h5 ISOVALUE OUT.ply
 """
@@ -16,7 +16,7 @@ from vtk.util import numpy_support
 
 
 def read_image(path):
-    """The values and the image that shares them."""
+    """The values, and the image that shares their memory."""
     with h5py.File(path) as f:
         data = f["data"][...]
     image = vtk.vtkImageData()

@@ -1,12 +1,12 @@
 // z = A w on implicit grids: unknowns per second and bytes per unknown, uniform and adaptive,
-// beside the speed at which this machine copies memory.
+// compared with the speed at which this machine copies memory.
 //
 // usage: isonest_grid_product [N [THREADS [NOISE]]]        (129 1 0.002)
 //
 // The function is a smoothed ball in noise on N^3 nodes; adaptive grids are those of the threshold
-// that leaves about a fifth of the nodes. Coefficients are Perona and Malik's, made anew from the
-// function at every product, or assembled once. Each time is the median
-// of seven, that of the hash table a single one.
+// that leaves about a fifth of the nodes. The coefficients are those of Perona and Malik, computed
+// from the function in every product, or assembled once. Each time is the median of seven, that of
+// the hash table a single one.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -20,7 +20,6 @@
 #include "query/finite_elements/active_nodes.h"
 #include "query/finite_elements/grid_elements.h"
 #include "query/finite_elements/grid_operator.h"
-#include "query/finite_elements/numbered_elements.h"
 
 using namespace isonest;
 using namespace isonest::detail;

@@ -1,13 +1,13 @@
-"""Reading the formats of others: time beside the Python package that reads each, and the heap on little memory.
+"""Reading other formats: time compared with a Python package for each, and the heap with little memory.
 
 usage: inputs.py BUILD FOLDER [SIZE [ROUNDS]]    (512 3)
 
-A smooth volume with some noise, SIZE^3 int16, is written to FOLDER by the Python package of each format and read by it in a
-process of its own, into an array, imports not counted. isonest preprocesses the same file, and the same numbers as
-.npy, which it maps; what the first takes longer is the reading. Every round runs all of them once, in turn; figures are
-medians, seconds of the clock and, in brackets, of the processor. The last column is the largest heap of preprocessing
-with --memory of an eighth of the numbers' bytes; more than that, or other numbers in the store, end the program.
-BUILD is a build folder, or a new one.
+A smooth volume with some noise, SIZE^3 int16, is written to FOLDER by a Python package for each format and read by it
+into an array, in a separate process, without the time of imports. isonest preprocesses the same file, and the same
+numbers as .npy, which it maps; the additional time of the former is that of reading. Every round runs all of them once,
+in turn; figures are medians: wall-clock seconds and, in brackets, processor seconds. The last column is the peak heap
+of preprocessing with --memory of an eighth of the numbers' bytes; if it is larger, or the store has other numbers, the
+program ends. BUILD is a build folder, or a new one.
 """
 import os
 import pathlib
@@ -25,19 +25,22 @@ build, folder, *rest = needs.arguments(2, __doc__, 4)
 build, folder = pathlib.Path(build).resolve(), pathlib.Path(folder)
 size, rounds = int(rest[0]) if rest else 512, int(rest[1]) if len(rest) > 1 else 3
 isonest, helper = build / "bin/isonest", build / "tools/bench/libisonest_peak_heap.so"
-needs.require(*map(needs.module, ("numpy", "h5py", "tifffile", "zarr", "nibabel", "mrcfile", "netCDF4", "pydicom", "vtk")),
+needs.require(*map(needs.module, ("numpy", "h5py", "tifffile", "zarr", "numcodecs", "nibabel", "mrcfile", "netCDF4", "pydicom", "vtk")),
               needs.folder(folder))
 needs.require(needs.space(folder, 16 * 2 * size**3), needs.built(build, "isonest", "isonest_peak_heap"))
 import h5py
 import mrcfile
 import netCDF4
 import nibabel
+import numcodecs
 import numpy as np
 import pydicom
 import tifffile
 import vtk
-import zarr
 from vtk.util import numpy_support
+
+sys.path.insert(0, str(needs.ROOT / "tests" / "support"))
+from zarr_two import zarr  # noqa: E402
 
 DICOM = "1.2.840.10008.5.1.4.1.1.2"
 
@@ -102,8 +105,8 @@ FORMATS = [
      "a = tifffile.imread(sorted(glob.glob(p + '/*.tif'), key=lambda n: int(os.path.basename(n)[:-4])))", "tifffile"),
     ("TIFF, one file, as it is", "v.tif", lambda p, d: tifffile.imwrite(p, d, photometric="minisblack", metadata=None),
      "import tifffile", "a = tifffile.imread(p)", "tifffile"),
-    ("Zarr, blosc (LZ4)", "v.zarr", lambda p, d: zarr.save_array(str(p), d, chunks=(64, 64, 64)), "import zarr",
-     "a = zarr.open(p, 'r')[...]", "zarr"),
+    ("Zarr, blosc (LZ4)", "v.zarr", lambda p, d: zarr.save_array(str(p), d, chunks=(64, 64, 64), compressor=numcodecs.Blosc("lz4")),
+     "import zarr", "a = zarr.open(p, mode='r')[...]", "zarr"),
     ("DICOM, a file for each slice", "dicom", dicom, "import pydicom, glob, numpy",
      "a = numpy.stack([d.pixel_array for d in sorted(map(pydicom.dcmread, glob.glob(p + '/*')), "
      "key=lambda d: d.ImagePositionPatient[2])])", "pydicom"),
@@ -123,7 +126,7 @@ print(time.perf_counter() - start, time.process_time() - cpu, a.size)"""
 
 
 def by_python(path, imports, read):
-    """Seconds of the clock and of the processor."""
+    """Wall-clock and processor seconds."""
     done = subprocess.run([sys.executable, "-c", READER.format(imports=imports, read=read), path], check=True,
                           capture_output=True, text=True).stdout.split()
     assert int(done[2]) == size**3
@@ -138,7 +141,7 @@ def by_isonest(path):
 
 
 def heap_of(path, expected):
-    """Of preprocessing within an eighth of the numbers' bytes."""
+    """Peak heap of preprocessing within an eighth of the numbers' bytes."""
     budget = 2 * size**3 // 8
     store = folder / "s.isonest"
     done = subprocess.run([isonest, "preprocess", path, "-o", store, "--force", "-q", "--memory", str(budget), "--chunk",

@@ -1,12 +1,12 @@
-"""Volumes far larger than --memory: time and peak heap of preprocess and extract, and the first coarse
-surface from a store that is out of the page cache.
+"""Volumes far larger than --memory: time and peak heap of preprocess and extract, and the first coarse surface from a
+store that is not in the page cache.
 
 usage: large.py BUILD FOLDER [TYPE:SIZE:MEMORY...]    (uint8:2049:512M float32:1025:256M)
 
-BUILD is a build folder, or a new one: isonest is built there and, of tools/bench, the library that counts the
-heap; file mappings are not heap. FOLDER takes the volumes (which stay), the stores and the meshes (which do not). Every step ends in an
-error if it held more than --memory. The coarse surface, within 5 % of the range, is extracted three times,
-each time after posix_fadvise(DONTNEED) on the store, program start included.
+BUILD is a build folder, or a new one: isonest is built there and, from tools/bench, the library that counts the heap;
+file mappings are not heap. FOLDER is for the volumes (which stay), the stores and the meshes (which are removed). A step
+that held more than --memory is an error. The coarse surface, within 5 % of the range, is extracted three times, each
+time after posix_fadvise(DONTNEED) on the store, including the start of the program.
 """
 import json
 import os
@@ -27,7 +27,7 @@ BYTES = {"uint8": 1, "int8": 1, "uint16": 2, "int16": 2, "uint32": 4, "int32": 4
 
 
 def bytes_needed(kind, size):
-    """In FOLDER beside what is there: the volume, and as much and a fifth more for its store and mesh."""
+    """Free space in FOLDER: for the volume, unless it exists, and 1.2 times that for its store and mesh."""
     volume = BYTES[kind] * int(size)**3
     return (0 if (folder / f"bucky-{kind}-{size}.h5").exists() else volume) + 1.2 * volume
 
@@ -82,14 +82,14 @@ for kind, size, memory in volumes:
           f"{within(heap, budget, 'preprocess')}, store of {os.path.getsize(store) / 1e9:.2f} GB",
           flush=True)
     mesh.unlink(missing_ok=True)
-    seconds, heap, report = run("extract", store, "--iso", iso, "-o", mesh, "--memory", memory)
+    seconds, heap, report = run("extract", store, "--iso", iso, "--cells", "tet", "-o", mesh, "--memory", memory)
     print(f"  full surface {seconds:.1f} s, {within(heap, budget, 'extract')}, "
           f"{report['triangles']:,} triangles, {os.path.getsize(mesh) / 1e9:.2f} GB", flush=True)
     cold, heaps = [], []
     for _ in range(3):
         mesh.unlink(missing_ok=True)
         forget(store)
-        seconds, heap, report = run("extract", store, "--iso", iso, "--error-relative", "0.05", "-o", mesh)
+        seconds, heap, report = run("extract", store, "--iso", iso, "--error-relative", "0.05", "--effort", "none", "-o", mesh)
         cold.append(seconds)
         heaps.append(heap)
     print(f"  at 5 % of the range, store not in memory: {min(cold):.2f} to {max(cold):.2f} s, "

@@ -1,17 +1,17 @@
-// What successive mappings alone leave of a mesh, and in which time.
+// What successive mappings alone leave of a mesh, and how long they take.
 //
 // usage: isonest_map_mesh IN.ply OUT.ply (--distance D | --triangles N) [--size X,Y,Z]
 //                         [--voxel V] [--threads T] [--rounds R] [--carried 1]
 //
-// IN.ply is a full surface in a volume of X * Y * Z nodes, V apart (by default 1), the first one at
-// 0; without --size, of as many as hold the mesh. Borders in the faces of the volume are simplified
-// too. D is in the mesh's unit. Prints JSON: triangles before and after, the bound of the
-// distance, seconds of the processor and of the clock for the simplification alone, the smallest
-// of R rounds (by default 1). With --carried, one thread does what rank 0 and the others do for
-// each block that another rank maps (query/ranks/rank_mapping.h), but for the messages; what takes
-// how long, in seconds of the processor, and the bytes there and back are printed, too, of the last
-// round.
-#include "query/simplify/mapping/map_mesh.h"
+// IN.ply is a full surface in a volume of X * Y * Z nodes with spacing V (default 1), the first one
+// at 0; without --size, of as many nodes as contain the mesh. Borders in the faces of the volume
+// are also simplified. D is in the mesh's unit. Prints JSON: triangles before and after, the bound
+// of the distance, and processor and wall-clock seconds for the simplification alone, the minimum
+// of R rounds (default 1). With --carried, one thread does what rank 0 and the others do for each
+// block that another rank maps (query/ranks/rank_mapping.h), except for the messages; for the last
+// round, this also prints how long each step takes, in processor seconds, and the bytes sent there
+// and back.
+#include "query/simplify/collapse/map_mesh.h"
 
 #include <array>
 #include <chrono>
@@ -44,7 +44,7 @@ struct Options {
     bool is_carried = false;
 };
 
-/// As if another rank mapped each block.
+/// Maps each block as if another rank did it.
 class CarriedMapping : public BlockMapping {
   public:
     enum Step : std::size_t { load, pack, map_there, unpack, use, kSteps };
@@ -94,7 +94,7 @@ class CarriedMapping : public BlockMapping {
 
     double last_ = 0;
     std::array<double, kSteps> seconds_{};
-    std::int64_t blocks_ = 0;  ///< of all passes
+    std::int64_t blocks_ = 0;  ///< in all passes
     std::uint64_t bytes_there_ = 0;
     std::uint64_t bytes_back_ = 0;
 };
@@ -174,7 +174,7 @@ int run(std::span<char*> arguments) {
     ScratchMesh mesh(folder);
     fill(mesh, read);
     WorldLattice lattice;
-    lattice.spacing = {options.voxel, options.voxel, options.voxel};
+    lattice.steps = Double3{options.voxel, options.voxel, options.voxel};
     PatchBox box;
     for (int a = 0; a < 3; ++a) {
         const auto axis = static_cast<std::size_t>(a);

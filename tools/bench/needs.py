@@ -1,7 +1,7 @@
-"""What a benchmark needs, asked before it starts: whatever is missing is named, with the way to get it.
+"""Checks what a benchmark needs before it starts, and says what is missing and how to get it.
 
 Each function returns None, or a sentence that says what is missing; require() ends the program with all of
-those sentences. Only the standard library is used here.
+those sentences. Only uses the standard library.
 """
 import ctypes
 import ctypes.util
@@ -25,7 +25,7 @@ def require(*missing):
 
 
 def arguments(least, usage, most=None):
-    """The program's arguments; without enough of them, or with --help, the usage is all that it prints."""
+    """The program's arguments; prints only the usage if there are too few or too many, or with --help."""
     given = sys.argv[1:]
     if given and given[0] in ("-h", "--help"):
         print(usage)
@@ -74,7 +74,7 @@ def file(path, what):
 
 
 def folder(path):
-    """A folder that exists, or can be made."""
+    """A folder that exists or can be created."""
     try:
         pathlib.Path(path).mkdir(parents=True, exist_ok=True)
         return None
@@ -90,7 +90,7 @@ def space(path, bytes_needed):
 
 
 def zstd_filter():
-    """REQUIRES: module("h5py") is there."""
+    """REQUIRES: module("h5py") is available."""
     import h5py
     return None if h5py.h5z.filter_avail(32015) else f"HDF5's zstd filter is missing: {PLUGIN}"
 
@@ -101,7 +101,7 @@ def build_command(build, *targets):
 
 
 def built(build, *targets):
-    """Builds the targets of this tree in `build`, so that they are those of today's code."""
+    """Builds the targets of this tree in `build`, so that they are up to date."""
     missing = [sentence for sentence in (tool("cmake"), tool("ninja")) if sentence]
     if missing:
         return "\n".join(missing)

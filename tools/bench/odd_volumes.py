@@ -4,7 +4,7 @@
 usage: odd_volumes.py FOLDER
 
 Writes them as NRRD (the first as HDF5, the second as raw numbers) and prints for each the file, the isovalue and the
-options that `isonest preprocess` needs. Smallest spacing 1 in all but one.
+options that `isonest preprocess` needs. The smallest spacing is 1 in all except one.
 """
 import pathlib
 import sys
@@ -28,7 +28,7 @@ def gyroid(x, y, z, period):
 
 
 def tori(n, step, large, small):
-    """1 inside tori of the two radii, one in each cube of `step` nodes, their axes in turn along x, y and z."""
+    """1 inside tori with the two radii, one in each cube of `step` nodes, with axes in turn along x, y and z."""
     cell = [np.mod(c, step) - step / 2 + 0.137 for c in axes(n, n, n)]
     which = sum(np.floor(c / step) for c in axes(n, n, n)) % 3
     u = np.empty((n, n, n))

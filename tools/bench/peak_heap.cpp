@@ -1,7 +1,7 @@
-// Counts the bytes that a program holds from malloc and friends, as the allocator rounds them, and
-// prints the largest sum at exit: LD_PRELOAD=libisonest_peak_heap.so isonest extract ...
+// Counts the bytes that a program holds from malloc and related functions, as rounded by the
+// allocator, and prints the peak at exit: LD_PRELOAD=libisonest_peak_heap.so isonest extract ...
 //
-// File mappings are not counted, nor are thread stacks; operator new goes through malloc.
+// File mappings and thread stacks are not counted; operator new uses malloc.
 #include <malloc.h>
 
 #include <atomic>
@@ -15,7 +15,7 @@ namespace {
 std::atomic<std::size_t> held{0};
 std::atomic<std::size_t> peak{0};
 
-// glibc's own entry points.
+// glibc's own functions.
 // NOLINTBEGIN(bugprone-reserved-identifier,readability-identifier-naming)
 extern "C" void* __libc_malloc(std::size_t);
 extern "C" void* __libc_calloc(std::size_t, std::size_t);

@@ -1,10 +1,10 @@
 #!/usr/bin/python3
-"""The peers of a surface within a distance: VTK's Flying Edges, and the programs that make meshes smaller.
+"""The peers of a surface within a distance: VTK's Flying Edges, and programs that simplify meshes.
 
 usage: peers.py STORE ISOVALUE ERROR OUT.ply [MIN_COMPONENT]
 
-Writes what meshoptimizer's simplification makes of Flying Edges' mesh of the values in STORE, its target error being
-ERROR in the store's unit (`full`: the mesh as it is), and prints JSON. Components of fewer than MIN_COMPONENT triangles are dropped before.
+Simplifies Flying Edges' mesh of the values in STORE with meshoptimizer, with the target error ERROR in the store's unit
+(`full`: no simplification), writes it, and prints JSON. First removes components of fewer than MIN_COMPONENT triangles.
 """
 import ctypes
 import ctypes.util
@@ -69,7 +69,7 @@ def arrays(mesh):
 
 
 def store_edges(store, iso):
-    """Flying Edges' mesh of a store's values, where they lie in the world, and the seconds without reading."""
+    """Flying Edges' mesh of a store's values, in world coordinates, and the seconds without reading."""
     with h5py.File(store) as file:
         u = file["levels/0/values"][...]
         spacing, origin = file.attrs["spacing"], file.attrs["origin"]
@@ -89,7 +89,7 @@ def store_edges(store, iso):
 
 
 def drop_small_components(v, t, least):
-    """The triangles of components (which share vertices) of at least `least` triangles."""
+    """The triangles of components (connected by vertices) with at least `least` triangles."""
     if least <= 1 or len(t) == 0:
         return t
     regions = vtk.vtkPolyDataConnectivityFilter()
@@ -97,7 +97,7 @@ def drop_small_components(v, t, least):
     regions.SetExtractionModeToAllRegions()
     regions.ColorRegionsOn()
     regions.Update()
-    # Its points are in another order, its triangles are not.
+    # The order of its points differs, that of its triangles does not.
     mesh = regions.GetOutput()
     of = numpy_support.vtk_to_numpy(mesh.GetPointData().GetScalars())[arrays(mesh)[1][:, 0]]
     return t[np.bincount(of)[of] >= least]

@@ -1,6 +1,7 @@
-// The floor for any preprocessing: read a dataset /data, decode it if it is compressed, compress it
-// in chunks of 64^3 with shuffle and zstd (level 1 unless told), all on all cores, write the chunks
-// to another HDF5 file, which any HDF5 program with the zstd filter reads. Prints the seconds.
+// A lower bound for any preprocessing: reads a dataset /data, decodes it if it is compressed,
+// compresses it in chunks of 64^3 with shuffle and zstd (level 1 by default), all on all cores, and
+// writes the chunks to another HDF5 file, which any HDF5 program with the zstd filter can read.
+// Prints the seconds.
 #include <fmt/format.h>
 #include <hdf5.h>
 #include <oneapi/tbb/parallel_for.h>
@@ -17,7 +18,7 @@
 
 #include "store/container/codec.h"
 #include "store/container/format.h"
-#include "store/container/hdf5_types.h"
+#include "store/container/parts/hdf5_types.h"
 #include "store/hdf5/zstd_filter.h"
 #include "tools/bench/run_program.h"
 
@@ -59,7 +60,7 @@ int run(int argc, char** argv) {
 
     const Int3 grid = ceil_div(n, {kChunk, kChunk, kChunk});
     std::vector<std::vector<std::byte>> encoded(static_cast<std::size_t>(grid.x * grid.y));
-    // The next layer is read while this one is compressed.
+    // Reads the next layer while this one is compressed.
     std::array<std::vector<std::byte>, 2> slabs;
     const auto read = [&](std::int64_t layer) {
         std::vector<std::byte>& slab = slabs[static_cast<std::size_t>(layer % 2)];

@@ -1,11 +1,11 @@
-// How many round trips, chunks and bytes queries take of a store behind a network, by the model of
-// store/container/wrapping/far_source.h.
+// How many round trips, chunks and bytes queries take of a store behind a network, according to the
+// model of store/container/wrapped_sources.h.
 //
 // usage: isonest_round_trips STORE ISOVALUE [MEMORY_MIB]
 //
-// Read are the chunks that the traversal decodes, fetched those that it announces or asks for
-// without an announcement: what of them is not read was announced for nothing. A surface within a
-// distance begins with the full resolution, and reads no more than that.
+// Chunks are counted as read when the traversal decodes them, and as fetched when it prefetches
+// them or requests them without a prefetch; fetched chunks that are not read were prefetched in
+// vain. A surface within a distance begins with the full resolution, and reads no more than that.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 
 #include "query/traverse/traversal.h"
 #include "store/container/reader.h"
-#include "store/container/wrapping/far_source.h"
+#include "store/container/wrapped_sources.h"
 #include "tools/bench/run_program.h"
 
 using namespace isonest;
@@ -30,7 +30,7 @@ class Queries {
                    "bytes", "fetched", "bytes", "ratio");
     }
 
-    /// `error`: of the range of the values.
+    /// `error`: relative to the range of the values.
     [[nodiscard]] TraversalQuery surface(double error) const {
         const StoreHeader& header = store_.layout().header();
         TraversalQuery query;
@@ -45,17 +45,17 @@ class Queries {
         return query;
     }
     void print(const char* name, const TraversalQuery& query) const {
-        const FarSource source(store_);
+        const RemoteSource source(store_);
         ChunkCache cache(source, memory_ / 8 * 7,
                          query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
         Progress quiet;
         traverse(
             cache, query, 65536, [](std::uint64_t, const MeshPart&) {}, quiet);
-        const FarCounts c = source.counts();
+        const RemoteCounts c = source.counts();
         fmt::print("{:>22} {:>6} {:>6} {:>6} {:>8} {:>11} {:>8} {:>11} {:>6.2f}\n", name,
-                   c.round_trips, c.announcements, c.unannounced, c.decoded_chunks, c.decoded_bytes,
-                   c.announced_chunks, c.announced_bytes,
-                   static_cast<double>(c.announced_bytes) /
+                   c.round_trips, c.prefetches, c.not_prefetched, c.decoded_chunks, c.decoded_bytes,
+                   c.fetched_chunks, c.fetched_bytes,
+                   static_cast<double>(c.fetched_bytes) /
                        static_cast<double>(std::max<std::uint64_t>(c.decoded_bytes, 1)));
     }
 

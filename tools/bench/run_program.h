@@ -1,4 +1,4 @@
-// What main() of each small program of the benchmarks does.
+// The main() of the benchmarks' small programs.
 #pragma once
 
 #include <cstdio>
@@ -6,7 +6,7 @@
 
 namespace bench {
 
-/// Runs a program. What it throws is said under its name; then 1.
+/// Runs a program. Prints an exception with the program's name and then returns 1.
 template <class Run>
 int run_program(const char* name, const Run& run) {
     try {

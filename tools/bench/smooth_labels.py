@@ -1,22 +1,22 @@
 #!/usr/bin/python3
-"""Smooth surfaces of all labels of Voronoi cells, beside VTK's, and the heap on little memory.
+"""Smooth surfaces of all labels of Voronoi cells, compared with VTK's, and the heap with little memory.
 
 usage: smooth_labels.py BUILD FOLDER [SIZE:CELLS:MEMORY...] [--peer SIZE...] [--threads N] [--rounds N]
                         [--peer-rounds N] [--keep]
 
-A markdown table, one row for each volume (513:5000:1G 1025:5000:256M): SIZE^3 nodes of uint16, each with the number, from 1 on,
-of the nearest of CELLS random points. FOLDER takes the volume, the store and the meshes of one at a time, which are removed
-(the volume stays with --keep). BUILD is as for large.py.
+A markdown table, one row per volume (513:5000:1G 1025:5000:256M): SIZE^3 nodes of uint16, each with the number, from 1
+on, of the nearest of CELLS random points. FOLDER is for the volume, the store and the meshes of one volume at a time,
+which are removed (the volume stays with --keep). BUILD is as for large.py.
 
-isonest    `extract --labels all --smooth`, with the mesh files (.ply): triangles; seconds, and those of the processor; the largest
-           heap; temporary space at a time. It ends in an error if the heap is larger than MEMORY.
-VTK        of the volumes that --peer names (257 513): vtkDiscreteFlyingEdges3D of all labels and vtkWindowedSincPolyDataFilter, 15
-           iterations, pass band 0.1, of the array in memory, without reading or writing: its triangles; seconds,
-           and those of the processor; its largest resident memory, of which the volume and Python are a part.
+isonest    `extract --labels all --smooth`, with the mesh files (.ply): triangles; wall-clock and processor seconds; peak
+           heap; peak temporary space. A heap larger than MEMORY is an error.
+VTK        for the volumes that --peer names (257 513): vtkDiscreteFlyingEdges3D of all labels and
+           vtkWindowedSincPolyDataFilter, 15 iterations, pass band 0.1, of the array in memory, without reading or
+           writing: triangles; wall-clock and processor seconds; peak resident memory, including the volume and Python.
 ratio      isonest's processor seconds over VTK's.
 
-Both in turn; the least of N rounds (3 of isonest, 1 of VTK, which goes through the volume for each label) by processor
-seconds.
+Both run in turn; the figures are those of the round with the fewest processor seconds, of N (3 for isonest, 1 for VTK,
+which traverses the volume for each label).
 """
 import argparse
 import json
@@ -32,13 +32,13 @@ import time
 import needs
 
 UNITS = {"K": 1 << 10, "M": 1 << 20, "G": 1 << 30}
-BLOCK = 16  # nodes along each axis that are looked at together
+BLOCK = 16  # nodes along each axis that are processed together
 SEED = 20251
 
 
 def make_volume(path, size, cells):
-    """Brute force among the points that can be nearest to a node of a block: those no further from its middle than the nearest
-    one and its diameter."""
+    """Brute force among the points that can be nearest to a node of a block: those no farther from its centre than the
+    nearest one plus the block's diameter."""
     import numpy as np
     from scipy.spatial import cKDTree
     points = np.random.default_rng(SEED).random((cells, 3)) * size
@@ -55,7 +55,7 @@ def make_volume(path, size, cells):
             for x, middle, least in zip(starts, middles, nearest):
                 near = np.sort(tree.query_ball_point(middle, least + 2 * np.sqrt(3) * half + 1e-9))
                 nodes = (z, y, x) + offsets
-                # |n - p|^2 less |n|^2, which is the same for all points.
+                # |n - p|^2 minus |n|^2, which is the same for all points.
                 distance = (points[near] ** 2).sum(1) - 2 * nodes @ points[near].T
                 found = (1 + near)[distance.argmin(1)].reshape((BLOCK,) * 3)
                 slab[:, y:y + BLOCK, x:x + BLOCK] = found[:, :min(BLOCK, size - y), :min(BLOCK, size - x)]
@@ -64,7 +64,7 @@ def make_volume(path, size, cells):
 
 
 def vtk_smoothed(path):
-    """Run by a process of its own; prints triangles, seconds, processor seconds, bytes."""
+    """Run in a separate process; prints triangles, seconds, processor seconds, bytes."""
     import numpy as np
     import vtk
     from vtk.util.numpy_support import numpy_to_vtk
@@ -108,7 +108,7 @@ class Smoothing:
         self.counted = dict(os.environ, LD_PRELOAD=str(helper))
 
     def timed(self):
-        """Of a run whose heap is counted."""
+        """A run whose heap is counted."""
         before, start = of_children(), time.perf_counter()
         done = subprocess.run(self.command, env=self.counted, capture_output=True, text=True)
         seconds, processor = time.perf_counter() - start, of_children() - before
@@ -165,7 +165,7 @@ def main():
     needs.require(*(f"{volume}: give SIZE:CELLS:MEMORY as in 513:5000:1G" for volume in args.volumes
                     if not re.fullmatch(r"\d+:\d+:\d+[KMG]", volume)), needs.folder(args.folder))
     volumes = [volume.split(":") for volume in args.volumes]
-    # The volume, its store, and for each cell of a surface net some 60 bytes in meshes and temporary files.
+    # The volume, its store, and some 60 bytes in meshes and temporary files for each cell of a surface net.
     needs.require(needs.space(args.folder, max(5 * int(size) ** 3 + 60 * int(size) ** 3 for size, _, _ in volumes)),
                   needs.module("numpy"), needs.module("scipy"), needs.module("vtk"))
     needs.require(needs.built(args.build, "isonest_program", "isonest_peak_heap"))

@@ -1,16 +1,17 @@
 #!/usr/bin/python3
-"""How smooth a sphere of voxels becomes: isonest's smooth labels beside a plain surface net and VTK.
+"""How smooth a sphere of voxels becomes: isonest's smooth labels compared with a plain surface net and VTK.
 
 usage: smooth_sphere.py ISONEST PLUGIN_FOLDER [--radius R] [--picture OUT.png]
 
-A markdown table: of a ball of radius R (22) voxels, its centre in a node and elsewhere, the angles between facets' normals and the
-sphere's, in degrees; the volume beside the sphere's; and how many nodes are on the wrong side of the mesh.
+A markdown table: for a ball with a radius of R (22) voxels, with its centre at a node and elsewhere, the angles between
+facets' normals and the sphere's, in degrees; the volume relative to the sphere's; and how many nodes are on the wrong
+side of the mesh.
 
-plain net  Gibson's surface net, 16 passes by half of the way to the mean of the neighbours, each vertex kept in its cell; quads are
-           cut along the shorter diagonal: what vtkSurfaceNets3D (VTK 9.3 and newer) is made after, in NumPy.
+plain net  Gibson's surface net, 16 passes by half the distance to the mean of the neighbours, each vertex kept in its
+           cell; quads are cut along the shorter diagonal: the algorithm of vtkSurfaceNets3D (VTK 9.3 and newer), in NumPy.
 VTK        vtkDiscreteFlyingEdges3D and vtkWindowedSincPolyDataFilter, 15 iterations.
 
-OUT.png shows the second of these balls without smoothing, smooth, and VTK's with the pass band 0.1, with flat triangles.
+OUT.png shows the second of these balls unsmoothed, smooth, and by VTK with the pass band 0.1, with flat triangles.
 """
 import argparse
 import os
@@ -21,7 +22,7 @@ import tempfile
 
 import needs
 
-CENTRES = ((0, 0, 0), (-0.37, 0.21, -0.1))  # from the node in the middle
+CENTRES = ((0, 0, 0), (-0.37, 0.21, -0.1))  # relative to the central node
 
 
 def ball(radius, shift):
@@ -33,7 +34,7 @@ def ball(radius, shift):
 
 
 def plain_net(data, passes=16, weight=0.5):
-    """Points, x, y, z, and triangles that face out."""
+    """Points, x, y, z, and triangles whose normals point outward."""
     import numpy as np
     inside = data > 0
     cells = tuple(n - 1 for n in inside.shape)
@@ -104,7 +105,7 @@ def vtk_mesh(data, band):
 
 
 def read_ply(path):
-    """Of ours, without attributes."""
+    """Reads isonest's PLY without attributes."""
     import numpy as np
     content = path.read_bytes()
     head, body = content.split(b"end_header\n", 1)
@@ -122,8 +123,8 @@ def write_stl(path, points, faces):
 
 
 def wrong_nodes(points, faces, data):
-    """How many nodes the mesh goes round another number of times than once, if they are of the ball, or than not at all; by the
-    triangles that the line through each along x crosses beyond it. Lines are beside the nodes, so that they meet no edge."""
+    """The number of nodes around which the mesh does not wind once, if they are in the ball, or zero times, if not. Counts
+    the triangles that the line through each node along x crosses beyond it. Lines are offset so that they meet no edge."""
     import numpy as np
     aside = np.array([1.3e-5, 2.9e-5])
     t = points[faces]
@@ -142,7 +143,7 @@ def wrong_nodes(points, faces, data):
         x = (weight * c[hit][:, :, 0]).sum(1)
         np.add.at(crossings, (line[hit, 1], line[hit, 0], np.clip(np.ceil(x), 0, data.shape[2]).astype(int)),
                   np.sign(side[hit, 0]).astype(int))
-    # A triangle whose normal points along x is crossed from within.
+    # A triangle whose normal points along x is crossed from the inside.
     turns = crossings[:, :, ::-1].cumsum(2)[:, :, ::-1][:, :, 1:]
     return int((turns != data).sum())
 

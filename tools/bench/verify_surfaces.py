@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Proves the promise on a volume of your own: preprocess, extract, and look at every triangle.
+"""Verifies the error bound on your own volume: runs preprocess and extract, and checks every triangle.
 
 usage: verify_surfaces.py ISONEST PLUGIN_FOLDER INPUT [PREPROCESS_OPTION...]
 
@@ -8,9 +8,9 @@ and 10 % of the range). For each surface: edges with one triangle that do not li
 boundary (so an edge with two vertices shows as a crack), edges with more than two triangles or two of
 the same orientation, unused vertices, flat triangles, and the largest |U - iso| over the vertices and
 three random points of each triangle, where U is the finest piecewise linear function, from the values
-as h5py reads them. Prints a line per surface, with the visited tetrahedra for each leaf and, where
-isonest_chunk_bytes lies beside ISONEST, the bytes read for each byte of the chunks in which leaves or their
-refinement nodes lie; exit code 1 if a promise is broken. Needs memory for the volume and the meshes.
+as h5py reads them. Prints a line per surface, with the visited tetrahedra per leaf and, if isonest_chunk_bytes is in
+the folder of ISONEST, the bytes read per byte of the chunks that contain leaves or their refinement nodes; exit code 1
+if a check fails. Needs memory for the volume and the meshes.
 """
 import json
 import os
@@ -125,17 +125,17 @@ def main():
             low, high = file.attrs["range"]
         extent = (np.array(u.shape[::-1]) - 1) * spacing
         isovalues = np.quantile(np.unique(u[np.isfinite(u)]), QUANTILES)
-        # A vertex is rounded to float32: half a unit in the last place of the coordinates, times
+        # Rounding a vertex to float32: half a unit in the last place of the coordinates, times
         # the steepest step between neighbours.
         steep = max(np.abs(np.diff(u.astype(float), axis=a)).max() for a in range(3))
         slack = 4 * steep * (np.abs(origin / spacing) + u.shape[::-1]).max() * 2.0**-24 * 3
         for iso in isovalues:
             if u.dtype.kind in "iu":
-                iso = float(round(iso))  # the hard case: equal to nodes
+                iso = float(round(iso))  # the difficult case: equal to values of nodes
             for tolerance in TOLERANCES:
                 done = subprocess.run([isonest, "extract", store, "--iso", repr(float(iso)),
-                                       "--error-relative", str(tolerance), "-o", mesh,
-                                       "--json"], check=True, capture_output=True)
+                                       "--error-relative", str(tolerance), "--cells", "tet", "--effort", "none",
+                                       "-o", mesh, "--json"], check=True, capture_output=True)
                 report = json.loads(done.stdout)
                 v, t = read_ply(mesh)
                 v -= origin

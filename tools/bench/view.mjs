@@ -1,10 +1,11 @@
-// How fast `isonest view` is in a real Chromium, and what it takes.
+// How fast `isonest view` is in a real Chromium, and what it uses.
 // usage: node tools/bench/view.mjs ISONEST STORE [STORE...] [--moves N] [--memory SIZE]
 //
-// Of each store, one line of JSON: seconds until the server answers, and from the page's start to the first picture with a surface;
-// of N moves of the isovalue's slider, each after the picture of the last, milliseconds to the mesh and to the picture (median, 95 %),
-// bytes and triangles of a mesh (at most 100,000 triangles; nothing is refined further); the largest heap that the server told, its peak resident set, and the page's heap.
-// Chromium draws in software here, on the same cores as the server: a picture takes longer than with a graphics card.
+// Prints one line of JSON per store: seconds until the server answers, and from the page's start to the first picture
+// with a surface; for N moves of the isovalue slider, each after the picture of the last one, milliseconds to the mesh
+// and to the picture (median, 95 %); bytes and triangles of a mesh (at most 100,000 triangles; without further
+// refinement); the largest heap that the server reported, its peak resident set, and the page's heap. Chromium renders
+// in software here, on the same cores as the server, so a picture takes longer than with a graphics card.
 import { readFile, stat } from "node:fs/promises";
 import { idle, lacks, openPage, run, startBrowser, startServer } from "../view/web/drive.mjs";
 
@@ -24,7 +25,7 @@ if (!program || stores.length === 0 || lacks()) {
 const percentile = (list, part) => [...list].sort((a, b) => a - b)[Math.min(list.length - 1, Math.floor(part * list.length))];
 const round = (value) => Number(value.toPrecision(3));
 
-/** In the page: moves the slider once to each isovalue, and waits each time for the picture. */
+/** In the page: moves the slider once to each isovalue, waiting for the picture each time. */
 async function slide(isovalues) {
   const { isonest } = window;
   const input = document.querySelector("#iso");
@@ -36,7 +37,7 @@ async function slide(isovalues) {
     const start = performance.now();
     input.value = String(iso);
     input.dispatchEvent(new Event("input", { bubbles: true }));
-    let frames = 0; // pictures drawn before the mesh was there
+    let frames = 0; // pictures drawn before the mesh arrived
     while (isonest.latencies().length === meshes) {
       frames = isonest.frames();
       await frame();
@@ -65,7 +66,7 @@ async function measure(store) {
       return new Promise((resolve) => requestAnimationFrame(() => resolve(performance.now() / 1000)));
     });
     await idle(page);
-    // Back and forth over the middle of the range, where it begins; never the same value twice in a row.
+    // Back and forth around the middle of the range, where it begins; never the same value twice in a row.
     const isovalues = Array.from({ length: moves }, (_, i) => least + (largest - least) * (0.5 + 0.3 * Math.sin((i + 1) * 0.37)));
     const before = await page.evaluate(() => window.isonest.longTasks().length);
     const seen = await page.evaluate(slide, isovalues);

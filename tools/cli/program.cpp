@@ -23,13 +23,76 @@
 #include "store/container/writer.h"
 #include "store/ranks/communicator.h"
 #include "store/remote/open_location.h"
-#include "tools/cli/terminal/help_format.h"
+#include "tools/cli/mistyped.h"
+#include "tools/cli/options/option_table.h"
+#include "tools/cli/options/units.h"
 #include "tools/cli/terminal/interrupt.h"
-#include "tools/cli/terminal/shown_text.h"
-#include "tools/cli/terminal/suggestions.h"
 #include "tools/cli/terminal/terminal_progress.h"
+#include "tools/cli/terminal/terminal_text.h"
 
 namespace isonest::detail::cli {
+namespace {
+
+/// A command line that is too long for a line of the help goes on in the next one.
+std::string continued(const std::string& example) {
+    constexpr std::size_t kIndent = 6;
+    std::string text = wrapped(example, 4, kIndent);
+    for (std::size_t at = text.find('\n'); at != std::string::npos; at = text.find('\n', at + 3)) {
+        text.insert(at, " \\");
+    }
+    return text;
+}
+
+}  // namespace
+
+Json unit_json(std::optional<LengthUnit> unit) {
+    return unit ? Json(symbol_of(*unit)) : Json();
+}
+
+Json frame_json(AnatomicalFrame frame) {
+    return frame == AnatomicalFrame::unknown ? Json() : Json(name_of(frame));
+}
+
+CLI::App* add_command(CLI::App& app, Invocation& chosen, const std::string& name,
+                      const Description& description) {
+    CLI::App* const command =
+        app.add_subcommand(name, description.summary + "\n\n" + description.details + "\n");
+    command->add_flag("--json", chosen.json);
+    command->add_flag("-q,--quiet", chosen.quiet);
+    // Only of the chosen command, before its words are parsed.
+    command->preparse_callback([command](std::size_t /*words*/) { describe_options(*command); });
+    const std::string& examples = description.examples;
+    std::string footer = "Examples:";
+    std::size_t begin = 0;
+    while (begin < examples.size()) {
+        const std::size_t end = std::min(examples.find('\n', begin), examples.size());
+        footer += "\n  " + continued(examples.substr(begin, end - begin));
+        begin = end + 1;
+    }
+    command->footer(footer);
+    return command;
+}
+
+CLI::Option* add_parsed(CLI::App* command, const std::string& name,
+                        const std::function<void(const std::string&)>& parse,
+                        const std::string& standard) {
+    return command->add_option_function<std::string>(name, parse, standard);
+}
+
+void add_memory(CLI::App* command, std::uint64_t& memory) {
+    add_parsed(
+        command, "--memory",
+        [&memory](const std::string& text) { memory = parse_bytes("--memory", text); },
+        fmt::format("{}M", memory >> 20U));
+}
+
+void add_threads(CLI::App* command, int& threads) {
+    add_parsed(command, "--threads", [&threads](const std::string& text) {
+        constexpr int kMax = 4096;
+        threads = static_cast<int>(parse_integer("--threads", text, 0, kMax));
+    });
+}
+
 namespace {
 
 constexpr int kInternal = 1;
@@ -64,7 +127,7 @@ Outcome guarded(const HasOption& has, const Work& work) {
         const bool lacks = code == std::errc::resource_unavailable_try_again ||
                            code == std::errc::not_enough_memory;  // a thread that does not start
         return failed(Error(lacks ? ErrorKind::limit : ErrorKind::io,
-                            fmt::format("the system refuses what is needed: {}", e.what())),
+                            fmt::format("the system refuses a resource: {}", e.what())),
                       has);
     } catch (const std::exception& e) {
         const std::string message = fmt::format("internal error, please report it: {}", e.what());
@@ -100,52 +163,6 @@ void declare(const Program& program, CLI::App& app, Invocation& chosen) {
     app.formatter(std::make_shared<HelpFormat>());
     app.footer(program.footer);
     program.declare(app, chosen);
-}
-
-/// What is wrong with the first name on the command line that nobody knows.
-std::optional<std::string> mistyped(const Program& program, const CLI::App& app, int argc,
-                                    char** argv) {
-    const std::vector<CLI::App*> chosen = app.get_subcommands();
-    if (chosen.empty()) {
-        if (argc < 2 || argv[1][0] == '-') {
-            return std::nullopt;
-        }
-        if (program.why_missing) {
-            if (std::string why = program.why_missing(argv[1]); !why.empty()) {
-                return why;
-            }
-        }
-        std::vector<std::string> names;
-        for (const CLI::App* const command :
-             app.get_subcommands([](const CLI::App* /*any*/) { return true; })) {
-            names.push_back(command->get_name());
-        }
-        const std::optional<std::string> meant = nearest_name(argv[1], names);
-        return fmt::format("there is no command '{}'{}", argv[1],
-                           meant ? fmt::format("; did you mean {}?", *meant) : "");
-    }
-    const CLI::App& command = *chosen.front();
-    std::vector<std::string> names;
-    for (const CLI::Option* const option :
-         command.get_options([](const CLI::Option* /*any*/) { return true; })) {
-        for (const std::string& name : option->get_lnames()) {
-            names.push_back("--" + name);
-        }
-    }
-    for (int i = 2; i < argc; ++i) {
-        const std::string argument(argv[i]);
-        if (argument == "--") {
-            break;
-        }
-        const std::string name = argument.substr(0, argument.find('='));
-        if (!name.starts_with("--") || std::find(names.begin(), names.end(), name) != names.end()) {
-            continue;
-        }
-        const std::optional<std::string> meant = nearest_name(name, names);
-        return fmt::format("there is no option {}{}", name,
-                           meant ? fmt::format("; did you mean {}?", *meant) : "");
-    }
-    return std::nullopt;
 }
 
 /// URLs of the command line as they are shown.
@@ -222,8 +239,10 @@ Outcome run(const Program& program, const Invocation& chosen) {
 
 Outcome parse_and_run(const Program& program, CLI::App& app, const Invocation& chosen, int argc,
                       char** argv) {
+    std::optional<std::string> wrong;
     try {
         app.parse(argc, argv);
+        wrong = stray_word(*app.get_subcommands().front(), argc, argv);
     } catch (const CLI::ParseError& e) {
         if (e.get_exit_code() == 0) {  // --help, --version
             std::ostringstream text;
@@ -232,11 +251,12 @@ Outcome parse_and_run(const Program& program, CLI::App& app, const Invocation& c
             outcome.text = text.str();
             return outcome;
         }
+        wrong = parse_message(program, app, e, argc, argv);
+    }
+    if (wrong) {
         const std::vector<CLI::App*> command = app.get_subcommands();
-        const std::optional<std::string> typo = mistyped(program, app, argc, argv);
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}; see: {} {}{}--help",
-                                without_credentials(typo.value_or(e.what()), argc, argv),
+                    fmt::format("{}; see: {} {}{}--help", without_credentials(*wrong, argc, argv),
                                 program.name, command.empty() ? "" : command.front()->get_name(),
                                 command.empty() ? "" : " "));
     }

@@ -10,11 +10,11 @@
 namespace isonest::detail::cli {
 namespace {
 
-constexpr int kPairs = 6;       ///< of opposite directions
-constexpr int kSteps = 6;       ///< along each
-constexpr double kDark = 0.85;  ///< of a place that sees nothing of the sky
+constexpr int kPairs = 6;       ///< pairs of opposite directions
+constexpr int kSteps = 6;       ///< samples in each direction
+constexpr double kDark = 0.85;  ///< darkening of a place that sees none of the sky
 
-/// How steep it is up to what stands highest in a direction, an angle; below 0 where all falls.
+/// The elevation angle of the horizon in a direction; negative if the surface falls everywhere.
 double horizon(const DepthImage& image, int x, int y, double dx, double dy, double radius) {
     const auto at = [&](int px, int py) {
         return image.depth[static_cast<std::size_t>(py) * static_cast<std::size_t>(image.width) +
@@ -24,7 +24,7 @@ double horizon(const DepthImage& image, int x, int y, double dx, double dy, doub
     double steepest = -1e9;
     double before = 0;
     for (int step = 1; step <= kSteps; ++step) {
-        // The nearer, the closer together.
+        // Nearer samples are closer together.
         const double r = radius * (static_cast<double>(step * step) / (kSteps * kSteps));
         const double reach = std::max(r, before + 1);
         before = reach;
@@ -38,7 +38,7 @@ double horizon(const DepthImage& image, int x, int y, double dx, double dy, doub
             continue;
         }
         double rise = (here - there) * image.pixels / reach;
-        // What is far in front shades less than what the surface itself does.
+        // A surface far in front casts less shadow than the surface itself.
         constexpr double kFarther = 3;
         if (rise > kFarther) {
             rise = kFarther * kFarther / rise;
@@ -60,7 +60,7 @@ void darken_hollows(const DepthImage& image, double radius, int begin, int end,
             if (image.depth[at] >= 1) {
                 continue;
             }
-            // Neighbours look in other directions; where pixels are put together they add up.
+            // Neighbouring pixels use other directions; averaging pixels combines them.
             const double turn = ((x & 1) * 2 + (y & 1)) / 4.0;
             double hidden = 0;
             for (int pair = 0; pair < kPairs; ++pair) {

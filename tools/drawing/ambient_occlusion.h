@@ -1,8 +1,8 @@
-// Darkens what lies in hollows, from the depths of a picture alone.
+// Darkens hollows, using only the depth buffer of a picture.
 //
 // Source: L. Bavoil, M. Sainz, R. Dimitrov, "Image-space horizon-based ambient occlusion", SIGGRAPH
-// 2008 talks. The horizons of two opposite directions are taken together: what they leave of half
-// a turn is how much of the sky is seen, whichever way the surface is inclined.
+// 2008 talks. The horizons of two opposite directions are combined: the part of a half turn between
+// them is the visible part of the sky, whatever the inclination of the surface.
 #pragma once
 
 #include <cstdint>
@@ -11,15 +11,14 @@
 namespace isonest::detail::cli {
 
 struct DepthImage {
-    std::span<const float>
-        depth;  ///< distance from the eye, rows from the top; at least 1 = nothing
+    std::span<const float> depth;  ///< distance from the eye, rows from the top; >= 1 is background
     int width = 0;
     int height = 0;
-    double pixels = 1;  ///< of the distance from depth 0 to depth 1
+    double pixels = 1;  ///< pixels per unit of depth (from 0 to 1)
 };
 
-/// Multiplies the colours (8-bit RGBA, as large as the image) of rows [begin, end) where there is a
-/// surface. Looks `radius` pixels far, and depends on nothing further away. Thread-safe.
+/// Darkens the colours (8-bit RGBA, as large as the image) of rows [begin, end) where there is a
+/// surface. Only depends on pixels up to `radius` pixels away. Thread-safe.
 void darken_hollows(const DepthImage& image, double radius, int begin, int end,
                     std::span<std::uint8_t> rgba);
 

@@ -2,9 +2,17 @@
 
 #include <cairo-svg.h>
 #include <cairo.h>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <png.h>
+#include <strings.h>
 
+#include <algorithm>
+#include <csetjmp>
 #include <cstring>
+#include <exception>
 #include <memory>
+#include <string_view>
 
 #include <isonest/error.h>
 
@@ -13,7 +21,172 @@
 namespace isonest::detail::cli {
 namespace {
 
-/// Cairo's output, into a std::string.
+struct Table {
+    std::string_view name;
+    std::string_view colors;  ///< six hexadecimal digits per colour
+};
+
+constexpr std::array<Table, 28> kTables{{
+#include "tools/drawing/color_map_tables.inc"
+}};
+
+}  // namespace
+
+std::vector<std::string> color_map_names() {
+    std::vector<std::string> names;
+    names.reserve(kTables.size());
+    for (const Table& table : kTables) {
+        names.emplace_back(table.name);
+    }
+    return names;
+}
+
+ColorMap::ColorMap(const std::string& name, const std::string& option) {
+    const bool reversed = name.ends_with("_r");
+    const std::string_view wanted =
+        reversed ? std::string_view(name).substr(0, name.size() - 2) : std::string_view(name);
+    const auto* const table = std::find_if(kTables.begin(), kTables.end(),
+                                           [&](const Table& t) { return t.name == wanted; });
+    if (table == kTables.end()) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} '{}': give one of {}; _r at the end reverses it", option, name,
+                                fmt::join(color_map_names(), ", ")));
+    }
+    constexpr std::size_t kDigits = 6;
+    for (std::size_t at = 0; at < table->colors.size(); at += kDigits) {
+        Rgb color{};
+        for (std::size_t c = 0; c < 3; ++c) {
+            color.at(c) = std::stoi(std::string(table->colors.substr(at + 2 * c, 2)), nullptr, 16);
+        }
+        colors_.push_back(color);
+    }
+    if (reversed) {
+        std::reverse(colors_.begin(), colors_.end());
+    }
+}
+
+Rgb ColorMap::color(double t) const {
+    const double at = std::clamp(t, 0.0, 1.0) * static_cast<double>(colors_.size() - 1);
+    const auto i = std::min(static_cast<std::size_t>(at), colors_.size() - 2);
+    const double rest = at - static_cast<double>(i);
+    Rgb out{};
+    for (std::size_t c = 0; c < 3; ++c) {
+        out.at(c) = colors_[i].at(c) + rest * (colors_[i + 1].at(c) - colors_[i].at(c));
+    }
+    return out;
+}
+
+struct PngFile::State {
+    OutputFile file;
+    std::uint64_t written = 0;
+    std::exception_ptr failure;  ///< from writing the file, kept while libpng is on the stack
+    png_structp png = nullptr;
+    png_infop info = nullptr;
+
+    explicit State(const std::filesystem::path& path) : file(path, true) {}
+    State(const State&) = delete;
+    State& operator=(const State&) = delete;
+    ~State() { png_destroy_write_struct(&png, &info); }
+
+    /// Writes bytes to the file; if that fails, returns false and `failure` says why.
+    bool put(std::span<const std::byte> bytes) noexcept {
+        try {
+            file.write_at(written, bytes);
+            written += bytes.size();
+            return true;
+        } catch (...) {
+            failure = std::current_exception();
+            return false;
+        }
+    }
+    static void write(png_structp png, png_bytep data, png_size_t size) {
+        if (!static_cast<State*>(png_get_io_ptr(png))->put(std::as_bytes(std::span(data, size)))) {
+            png_error(png, "the file cannot be written");
+        }
+    }
+};
+
+namespace {
+
+void no_warning(png_structp /*png*/, png_const_charp /*text*/) {}
+void no_flush(png_structp /*png*/) {}
+
+// libpng reports errors by longjmp(), so nothing here may have a destructor.
+// NOLINTBEGIN(modernize-avoid-setjmp-longjmp,cert-err52-cpp)
+bool begin(png_structp png, png_infop info, void* state, png_rw_ptr write, int width, int height) {
+    if (png == nullptr || info == nullptr || setjmp(png_jmpbuf(png)) != 0) {
+        return false;
+    }
+    png_set_write_fn(png, state, write, no_flush);
+    png_set_IHDR(png, info, static_cast<png_uint_32>(width), static_cast<png_uint_32>(height), 8,
+                 PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
+                 PNG_FILTER_TYPE_DEFAULT);
+    png_write_info(png, info);
+    return true;
+}
+
+bool write_row(png_structp png, const std::uint8_t* row) {
+    if (setjmp(png_jmpbuf(png)) != 0) {
+        return false;
+    }
+    png_write_row(png, row);
+    return true;
+}
+
+bool end(png_structp png) {
+    if (setjmp(png_jmpbuf(png)) != 0) {
+        return false;
+    }
+    png_write_end(png, nullptr);
+    return true;
+}
+// NOLINTEND(modernize-avoid-setjmp-longjmp,cert-err52-cpp)
+
+}  // namespace
+
+bool is_png(const std::filesystem::path& path) {
+    const std::string end = path.extension().string();
+    return ::strcasecmp(end.c_str(), ".png") == 0;
+}
+
+PngFile::PngFile(const std::filesystem::path& path, int width, int height)
+    : path_(path),
+      row_bytes_(3 * static_cast<std::size_t>(width)),
+      state_(std::make_unique<State>(path)) {
+    state_->png = png_create_write_struct(PNG_LIBPNG_VER_STRING, nullptr, nullptr, no_warning);
+    state_->info = state_->png != nullptr ? png_create_info_struct(state_->png) : nullptr;
+    if (!begin(state_->png, state_->info, state_.get(), &State::write, width, height)) {
+        fail();
+    }
+}
+
+PngFile::~PngFile() = default;
+
+void PngFile::fail() {
+    if (state_->failure != nullptr) {
+        std::rethrow_exception(state_->failure);
+    }
+    throw Error(ErrorKind::limit, {path_.string()}, "cannot be encoded as PNG");
+}
+
+void PngFile::write(std::span<const std::uint8_t> rgb) {
+    for (std::size_t at = 0; at < rgb.size(); at += row_bytes_) {
+        if (!write_row(state_->png, rgb.data() + at)) {
+            fail();
+        }
+    }
+}
+
+void PngFile::finish() {
+    if (!end(state_->png)) {
+        fail();
+    }
+    state_->file.publish_as_named();
+}
+
+namespace {
+
+/// Appends Cairo's output to a std::string.
 cairo_status_t append(void* bytes, const unsigned char* data, unsigned length) {
     static_cast<std::string*>(bytes)->append(reinterpret_cast<const char*>(data), length);
     return CAIRO_STATUS_SUCCESS;
@@ -162,7 +335,7 @@ void draw_over(std::vector<std::uint8_t>& rgb, int width, int first_row, int row
             }
         }
     };
-    // A pixel is a number of 32 bits, 0x00RRGGBB.
+    // A pixel is a 32-bit number, 0x00RRGGBB.
     each_pixel([](const std::uint8_t* from, unsigned char* to) {
         const std::uint32_t pixel = static_cast<std::uint32_t>(from[0]) << 16U |
                                     static_cast<std::uint32_t>(from[1]) << 8U | from[2];
@@ -194,7 +367,7 @@ void draw_canvas(const std::filesystem::path& path, int width, int height,
                  const std::function<void(Canvas&)>& draw) {
     if (!is_canvas(path)) {
         throw Error(ErrorKind::invalid_argument, {path.string()},
-                    "a plot's name must end with .svg or .png");
+                    "plots are written as .svg or .png");
     }
     std::string bytes;
     const std::unique_ptr<cairo_surface_t, decltype(&cairo_surface_destroy)> surface(

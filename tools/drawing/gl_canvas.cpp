@@ -1,22 +1,73 @@
 #include "tools/drawing/gl_canvas.h"
 
+#include <dlfcn.h>
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cstdlib>
+#include <string>
 
 #include <isonest/error.h>
 
+#include "store/base/memory.h"
 #include "store/base/workers.h"
 #include "tools/drawing/ambient_occlusion.h"
+
+namespace isonest::detail {
+namespace {
+
+template <class Function>
+void find(void* library, const char* name, Function& function) {
+    function = reinterpret_cast<Function>(::dlsym(library, name));
+    if (function == nullptr) {
+        throw Error(ErrorKind::unsupported,
+                    fmt::format("libOSMesa.so.8 has no {}: install Debian's libosmesa6", name));
+    }
+}
+
+/// Mesa waits forever for drawing threads that the system refused to start.
+void draw_without_threads_where_they_are_refused() {
+    constexpr int kBesideThem = 4;
+    try {
+        require_threads(Workers::count_of(0) + kBesideThem);
+    } catch (const Error&) {
+        ::setenv("LP_NUM_THREADS", "0", 1);
+    }
+}
+
+OsMesa load() {
+    draw_without_threads_where_they_are_refused();
+    void* const library = ::dlopen("libOSMesa.so.8", RTLD_NOW | RTLD_LOCAL);
+    if (library == nullptr) {
+        const std::string why = ::dlerror();
+        throw_if_no_room_to_load({}, "libOSMesa, which draws pictures", why);
+        throw Error(ErrorKind::unsupported,
+                    fmt::format("pictures need libOSMesa: {}; install libosmesa6", why));
+    }
+    OsMesa functions;
+#define ISONEST_OSMESA_FIND(name) find(library, #name, functions.name);
+    ISONEST_OSMESA_FUNCTIONS(ISONEST_OSMESA_FIND)
+#undef ISONEST_OSMESA_FIND
+    return functions;
+}
+
+}  // namespace
+
+const OsMesa& osmesa() {
+    static const OsMesa functions = load();
+    return functions;
+}
+
+}  // namespace isonest::detail
 
 namespace isonest::detail::cli {
 namespace {
 
-constexpr double kMargin = 0.05;  // of the picture, on each side
-constexpr double kNear = -1.5;    // of the camera's z
+constexpr double kMargin = 0.05;  // per side, relative to the picture
+constexpr double kNear = -1.5;    // in the camera's z
 constexpr double kFar = 1.5;
 constexpr std::size_t kBatchTriangles = 32768;
-constexpr std::size_t kCorner = 9;  // floats: position, normal, color
+constexpr std::size_t kCorner = 9;  // floats: position, normal, colour
 
 void light(unsigned name, const std::array<float, 4>& toward, float brightness) {
     const std::array<float, 4> diffuse{brightness, brightness, brightness, 1};
@@ -51,6 +102,9 @@ GlCanvas::GlCanvas(int width, int height) : width_(width), height_(height) {
                                              0,
                                              0,
                                              0};
+    // libOSMesa crashes if there is less memory. Measured: with LLVM 19 of Debian 13 it takes up to
+    // 112 MB to load and start.
+    require_free_heap(std::size_t{128} << 20U);
     context_.reset(osmesa().OSMesaCreateContextAttribs(kAttributes.data(), nullptr));
     const auto count = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
     pixels_.resize(4 * count);

@@ -1,40 +1,92 @@
-// Triangles drawn off screen by OSMesa, a part of a picture at a time.
+// Triangles drawn off screen by OSMesa, one part of a picture at a time.
 #pragma once
+
+#include <GL/gl.h>
+#include <GL/osmesa.h>
 
 #include <array>
 #include <cstdint>
 #include <memory>
 #include <vector>
 
-#include "tools/drawing/osmesa.h"
-#include "tools/drawing/picture_camera.h"
+#include "tools/drawing/picture_frame.h"
+
+namespace isonest::detail {
+
+// Mesa's off-screen renderer, loaded on first use: it includes a compiler (LLVM) that takes longer
+// to load than many extractions take.
+
+// The functions that tools/drawing/picture.cpp calls.
+#define ISONEST_OSMESA_FUNCTIONS(F) \
+    F(OSMesaCreateContextAttribs)   \
+    F(OSMesaDestroyContext)         \
+    F(OSMesaMakeCurrent)            \
+    F(OSMesaPixelStore)             \
+    F(glClear)                      \
+    F(glClearColor)                 \
+    F(glColorMaterial)              \
+    F(glColorPointer)               \
+    F(glColor3fv)                   \
+    F(glDepthFunc)                  \
+    F(glDisable)                    \
+    F(glDisableClientState)         \
+    F(glDrawArrays)                 \
+    F(glEnable)                     \
+    F(glEnableClientState)          \
+    F(glFinish)                     \
+    F(glLightModelfv)               \
+    F(glLightModeli)                \
+    F(glLightfv)                    \
+    F(glLineWidth)                  \
+    F(glLoadIdentity)               \
+    F(glMaterialfv)                 \
+    F(glMatrixMode)                 \
+    F(glNormalPointer)              \
+    F(glOrtho)                      \
+    F(glPolygonMode)                \
+    F(glPolygonOffset)              \
+    F(glReadPixels)                 \
+    F(glVertexPointer)              \
+    F(glViewport)
+
+struct OsMesa {
+// NOLINTNEXTLINE(bugprone-macro-parentheses): a name to declare
+#define ISONEST_OSMESA_MEMBER(name) decltype(&::name) name = nullptr;
+    ISONEST_OSMESA_FUNCTIONS(ISONEST_OSMESA_MEMBER)
+#undef ISONEST_OSMESA_MEMBER
+};
+
+/// Throws Error{unsupported} if the library cannot be loaded. Thread-safe.
+const OsMesa& osmesa();
+
+}  // namespace isonest::detail
 
 namespace isonest::detail::cli {
 
-/// Half of what is seen, in the camera's coordinates.
+/// Half the size of the visible region, in camera coordinates.
 struct Half {
     double x = 1;
     double y = 1;
     double middle_x = 0;  ///< of the picture
 };
-/// `right`: pixels on the right that are left free.
+/// `right`: pixels at the right side that are left free.
 Half half_of(const PictureCamera& camera, int width, int height, double right);
 
-/// An OpenGL context that draws into its own pixels: some rows of the picture. Thread-safety: one
+/// An OpenGL context with its own pixel buffer, for some rows of the picture. Thread-safety: one
 /// thread.
 class GlCanvas {
   public:
     /// Throws Error{limit, unsupported}.
     GlCanvas(int width, int height);
-    /// What is drawn next is the rows from `row` on (before the first one, too) of a picture of
-    /// this width and `all` rows; the background is drawn.
+    /// Prepares to draw the rows from `row` (which may be negative) of a picture of this width with
+    /// `all` rows, and clears them to the background.
     void show(int row, int all, const Half& half) const;
-    /// Multiplies what lies in hollows, looking `radius` pixels far. Throws Error{limit} if the
-    /// system refuses the threads.
+    /// Darkens hollows, with a radius of `radius` pixels. Throws Error{limit} if the system cannot
+    /// start the threads.
     void darken_hollows(double radius, const Half& half, int threads);
-    /// Averages squares of `step` pixels; 8-bit RGB, `rows` rows of them from `first` on.
+    /// Averages squares of `step` pixels; 8-bit RGB, `rows` rows of squares from `first`.
     [[nodiscard]] std::vector<std::uint8_t> reduced(int step, int first, int rows) const;
-    /// Heap for each pixel: measured by tools/bench/peak_heap.cpp, rounded up.
+    /// Heap bytes per pixel: measured by tools/bench/peak_heap.cpp, rounded up.
     static constexpr std::uint64_t kHeapPerPixel = 21;
 
   private:
@@ -48,18 +100,18 @@ class GlCanvas {
     std::unique_ptr<std::remove_pointer_t<OSMesaContext>, Destroy> context_;
 };
 
-/// What the triangles look like.
+/// The appearance of the triangles.
 struct Material {
-    std::array<int, 3> color{};  ///< of the front, 0 to 255
-    bool of_vertices = false;    ///< corners have colours of their own
+    std::array<int, 3> color{};  ///< front side, 0 to 255
+    bool of_vertices = false;    ///< corners have their own colours
     bool wireframe = false;
 };
 
-/// Collects triangles and draws them when there are many.
+/// Collects triangles and draws many at a time.
 class TriangleBatch {
   public:
     explicit TriangleBatch(const Material& material);
-    /// Before the first one of each part of the picture.
+    /// Call this before the first triangle of each part of the picture.
     void start() const;
     void add(const Double3& position, const Double3& normal, const std::array<float, 3>& color);
     [[nodiscard]] bool full() const;

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Makes color_map_tables.inc anew: the usual maps of Matplotlib (CC0, or as there said; python3-matplotlib) and of cmocean
-(K. Thyng, MIT License, https://github.com/matplotlib/cmocean), each as 33 colours at equal distances.
+"""Regenerates color_map_tables.inc: the usual maps of Matplotlib (CC0, or as noted there; python3-matplotlib) and of
+cmocean (K. Thyng, MIT License, https://github.com/matplotlib/cmocean), each as 33 evenly spaced colours.
 
 usage: make_color_maps.py FOLDER_OF_CMOCEANS_RGB_TEXTS
 """

@@ -1,5 +1,4 @@
-// In place of picture.cpp where OSMesa's headers were missing, or not wanted, when the program was
-// built.
+// Replaces picture.cpp in a build without OSMesa's headers, or with OSMesa disabled.
 #include <isonest/error.h>
 
 #include "tools/drawing/picture.h"

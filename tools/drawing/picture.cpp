@@ -8,14 +8,12 @@
 
 #include <isonest/error.h>
 
-#include "store/base/memory_budget.h"
-#include "store/base/vector3.h"
+#include "store/base/memory.h"
+#include "store/base/vectors.h"
 #include "store/base/workers.h"
-#include "tools/drawing/color_maps.h"
+#include "tools/drawing/canvas.h"
 #include "tools/drawing/gl_canvas.h"
-#include "tools/drawing/picture_camera.h"
 #include "tools/drawing/picture_frame.h"
-#include "tools/drawing/png_writer.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -26,7 +24,7 @@ constexpr int kTile = 32;          // rows
 /// Heap of OSMesa, its compiler, one batch of triangles and the letters: measured by
 /// tools/bench/peak_heap.cpp, rounded up.
 constexpr std::uint64_t kOsMesaHeap = std::uint64_t{84} << 20U;
-/// Of a pixel of the picture: as drawn, and as written.
+/// Bytes per pixel of the picture, for drawing and for writing it.
 constexpr std::uint64_t kHeapPerPixel =
     kSupersampling * kSupersampling * GlCanvas::kHeapPerPixel + 3 + 4;
 
@@ -39,7 +37,7 @@ Double3 minus(const Double3& a, const Double3& b) {
     return plus(a, b, -1);
 }
 
-/// The direction of `a`; toward the eye if it has none.
+/// The direction of `a`; toward the eye if `a` is zero.
 Double3 unit_or_front(const Double3& a) {
     const double length = std::hypot(a[0], a[1], a[2]);
     return length > 0 ? Double3{a[0] / length, a[1] / length, a[2] / length} : Double3{0, 0, 1};
@@ -61,7 +59,7 @@ void in_steps(Progress& progress, const char* phase, const char* unit_name, std:
     }
 }
 
-/// Which colour a vertex has.
+/// The colours of the vertices.
 class VertexColors {
   public:
     VertexColors(const PlyMesh& mesh, const PictureOptions& o, Progress& progress)
@@ -84,7 +82,7 @@ class VertexColors {
                     range_->second = std::max(range_->second, v);
                 }
             });
-            // One value everywhere is no colour.
+            // A single value gives no colours.
             if (!(range_->first < range_->second)) {
                 range_.reset();
             }
@@ -119,7 +117,7 @@ class VertexColors {
     std::optional<std::pair<double, double>> range_;
 };
 
-/// One normal per vertex, the sum over its triangles weighted by their area; in picture axes.
+/// One normal per vertex: the sum over its triangles, weighted by area; in picture axes.
 std::vector<Float3> vertex_normals(const PlyMesh& mesh, const PictureCamera& camera,
                                    Progress& progress) {
     std::vector<Float3> normals(mesh.vertices());
@@ -137,7 +135,7 @@ std::vector<Float3> vertex_normals(const PlyMesh& mesh, const PictureCamera& cam
     return normals;
 }
 
-/// Without `normals` each triangle has its own.
+/// Without `normals`, each triangle has its own.
 void draw_triangles(const PlyMesh& mesh, const PictureCamera& camera,
                     const std::vector<Float3>& normals, const VertexColors& colors,
                     TriangleBatch& batch, Progress& progress) {
@@ -165,10 +163,10 @@ void draw_triangles(const PlyMesh& mesh, const PictureCamera& camera,
 }
 
 void check(const std::vector<PictureView>& views, const PictureOptions& o) {
-    if (o.width < 1 || o.height < 1 || o.width > kMostPixels || o.height > kMostPixels) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("size {}x{}: give 1 to {} pixels per side", o.width, o.height,
-                                kMostPixels));
+    if (o.width < 1 || o.height < 1 || o.width > kMaxPixels || o.height > kMaxPixels) {
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("size {}x{}: give 1 to {} pixels per side", o.width, o.height, kMaxPixels));
     }
     for (const PictureView& v : views) {
         const double length = std::hypot(v.view[0], v.view[1], v.view[2]);
@@ -179,7 +177,7 @@ void check(const std::vector<PictureView>& views, const PictureOptions& o) {
     }
 }
 
-/// Cameras at one scale. Of several each looks at the middle of the mesh.
+/// Cameras with the same scale. If there are several, each looks at the centre of the mesh.
 std::vector<PictureCamera> fitted(const PlyMesh& mesh, const std::vector<PictureView>& views,
                                   PictureReport& report, Progress& progress) {
     std::vector<PictureCamera> cameras;
@@ -226,14 +224,14 @@ std::vector<PictureCamera> fitted(const PlyMesh& mesh, const std::vector<Picture
     return cameras;
 }
 
-constexpr double kBarLetters = 7.5;  ///< room for the bar of the colours, in letters
+constexpr double kBarLetters = 7.5;  ///< width of the colour bar, in letters
 
 double letter_size(const PictureOptions& o) {
-    constexpr double kLetters = 50;  // of a picture's side
+    constexpr double kLetters = 50;  // per side of the picture
     return std::max(std::min(o.width, o.height) / kLetters, 9.0);
 }
 
-/// What is written into the picture.
+/// Draws the annotations into the picture.
 void draw_notes(Canvas& canvas, const PictureOptions& o, const PictureCamera& camera,
                 const Half& half, const VertexColors& colors) {
     const double size = letter_size(o);
@@ -248,16 +246,16 @@ void draw_notes(Canvas& canvas, const PictureOptions& o, const PictureCamera& ca
     }
 }
 
-/// How far hollows are looked for, pixels of the picture; 0 = not at all.
+/// Radius of the search for hollows, in pixels of the picture; 0: none.
 int radius_of(const PictureOptions& o) {
     constexpr double kPart = 0.06;
-    constexpr int kMost = 64;
-    return o.plain ? 0
-                   : std::min(static_cast<int>(std::lround(kPart * std::min(o.width, o.height))),
-                              kMost);
+    constexpr int kMax = 64;
+    return o.plain
+               ? 0
+               : std::min(static_cast<int>(std::lround(kPart * std::min(o.width, o.height))), kMax);
 }
 
-/// One per core, or one where the system refuses them.
+/// One thread per core, or a single one if the system refuses them.
 int threads_there_are() {
     const int count = Workers::count_of(0);
     try {
@@ -278,7 +276,8 @@ PictureReport draw_pictures(const PlyMesh& mesh, const std::vector<PictureView>&
     const VertexColors colors(mesh, o, progress);
     report.range = colors.range();
 
-    // Whole strips of tiles, as many as fit beside the normals, and what darkens their hollows.
+    // Whole strips of tiles, as many as fit beside the normals, with the rows that darken their
+    // hollows.
     const int radius = radius_of(o);
     const auto row_heap = static_cast<std::uint64_t>(o.width) * kHeapPerPixel;
     const std::uint64_t fixed =
@@ -293,8 +292,7 @@ PictureReport draw_pictures(const PlyMesh& mesh, const std::vector<PictureView>&
         (o.memory - fixed - (report.smooth ? normal_heap : 0)) / row_heap / kTile * kTile;
     const int rows =
         static_cast<int>(std::min<std::uint64_t>(fit, static_cast<std::uint64_t>(o.height)));
-    const bool noted =
-        !o.plain && std::min(o.width, o.height) >= kLeastNoted && mesh.triangles() > 0;
+    const bool noted = !o.plain && std::min(o.width, o.height) >= kMinNoted && mesh.triangles() > 0;
 
     const int threads = threads_there_are();
     GlCanvas canvas(o.width * kSupersampling, (rows + 2 * radius) * kSupersampling);

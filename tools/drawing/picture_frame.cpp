@@ -4,13 +4,65 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
+
+#include "store/base/vectors.h"
 
 namespace isonest::detail::cli {
 namespace {
 
+Double3 unit(const Double3& a) {
+    const double length = std::hypot(a[0], a[1], a[2]);
+    return {a[0] / length, a[1] / length, a[2] / length};
+}
+
+}  // namespace
+
+void Bounds::start() {
+    lo.fill(std::numeric_limits<double>::infinity());
+    hi.fill(-std::numeric_limits<double>::infinity());
+}
+
+void Bounds::add(const Double3& p) {
+    for (std::size_t i = 0; i < 3; ++i) {
+        lo.at(i) = std::min(lo.at(i), p.at(i));
+        hi.at(i) = std::max(hi.at(i), p.at(i));
+    }
+}
+
+PictureCamera::PictureCamera(const Double3& view) : toward_eye_(unit(view)) {
+    constexpr double kUpright = 0.999;
+    const Double3 world_up =
+        std::abs(toward_eye_[2]) > kUpright ? Double3{0, 1, 0} : Double3{0, 0, 1};
+    right_ = unit(cross(world_up, toward_eye_));
+    up_ = cross(toward_eye_, right_);
+}
+
+Double3 PictureCamera::turn(const Double3& p) const {
+    return {dot(p, right_), dot(p, up_), dot(p, toward_eye_)};
+}
+
+void PictureCamera::fit(const Bounds& turned) {
+    double longest = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+        centre_.at(i) = turned.lo.at(i) / 2 + turned.hi.at(i) / 2;
+        half_.at(i) = turned.hi.at(i) / 2 - turned.lo.at(i) / 2;
+        longest = std::max(longest, half_.at(i));
+    }
+    scale_ = longest > 0 ? 1 / longest : 1;
+}
+
+Double3 PictureCamera::place(const Double3& p) const {
+    const Double3 t = turn(p);
+    return {(t[0] - centre_[0]) * scale_, (t[1] - centre_[1]) * scale_,
+            (t[2] - centre_[2]) * scale_};
+}
+
+namespace {
+
 constexpr Color kFrameInk{0.15, 0.15, 0.15};
-constexpr double kUp = -1.5707963267948966;  // quarter of a turn
+constexpr double kUp = -1.5707963267948966;  // a quarter turn
 
 /// The largest number 1, 2 or 5 times a power of ten that is at most `value`.
 double round_below(double value) {
@@ -33,8 +85,8 @@ std::vector<double> round_ticks(double low, double high, int wanted) {
     }
     const double first = std::ceil(low / step - 1e-9);
     const double last = std::floor(high / step + 1e-9);
-    constexpr double kMost = 50;
-    const int more = static_cast<int>(std::min(last - first, kMost));
+    constexpr double kMax = 50;
+    const int more = static_cast<int>(std::min(last - first, kMax));
     for (int i = 0; i <= more; ++i) {
         ticks.push_back((first + i) * step);
     }
@@ -87,7 +139,7 @@ void draw_color_bar(Canvas& canvas, const Rectangle& r, const ColorMap& map, dou
     for (int i = 0; i < kBarSteps; ++i) {
         const Rgb c = map.color((i + 0.5) / kBarSteps);
         canvas.color({c[0] / 255, c[1] / 255, c[2] / 255});
-        // Each area reaches under the next one, so that no gap is seen.
+        // Each area extends under the next one, so that there are no visible gaps.
         canvas.area(r.left, r.bottom - height * std::min(i + 2, kBarSteps) / kBarSteps, r.right,
                     r.bottom - height * i / kBarSteps);
     }
@@ -138,7 +190,7 @@ void draw_directions(Canvas& canvas, double x, double y, double length, const Do
         const double dy = -up.at(a) * length;
         canvas.color(kAxisColors.at(a));
         canvas.line(x, y, x + dx, y + dy, 2);
-        // One that comes toward the eye has its name beside the others'.
+        // The name of an axis that points toward the eye is beside those of the others.
         const double reach = std::hypot(dx, dy);
         const double out = reach > 0.2 * length ? 1 + 0.7 * size / reach : 0;
         canvas.text_on_picture(x + dx * out + (out == 0 ? -0.8 * size : 0),

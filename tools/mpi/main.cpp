@@ -1,4 +1,5 @@
-// The program isonest-mpi: what gains from several machines, by ranks that MPI starts.
+// The program isonest-mpi: the commands that gain from several machines, run by ranks that MPI
+// starts.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -8,7 +9,7 @@
 
 #include <isonest/version.h>
 
-#include "store/ranks/who_differs.h"
+#include "store/ranks/agreement.h"
 #include "tools/cli/program.h"
 #include "tools/cli/terminal/interrupt.h"
 #include "tools/mpi/mpi_communicator.h"
@@ -22,7 +23,7 @@ void declare(CLI::App& app, Invocation& chosen) {
     add_check(app, chosen);
 }
 
-/// Commands of isonest that one process does.
+/// Names commands of isonest that run in one process.
 std::string why_missing(const std::string& command) {
     constexpr std::array kAlone{"slice",  "study",       "smooth",  "info",
                                 "export", "make-volume", "picture", "view"};
@@ -48,7 +49,8 @@ Program whole_program(Communicator& ranks) {
         &ranks};
 }
 
-/// Ranks of other versions write other bytes. Throws Error{cancelled}: another rank has failed.
+/// Ranks of different versions would write different bytes. Throws Error{cancelled} if another rank
+/// has failed.
 Outcome of_one_version(Communicator& ranks) {
     const std::string others = who_differs(ranks, ISONEST_VERSION, ISONEST_VERSION);
     if (!others.empty()) {
@@ -74,7 +76,7 @@ Outcome run_ranks(const Program& program, MpiCommunicator& ranks, int argc, char
         outcome = Outcome{static_cast<int>(error.kind())};
         outcome.message = error.what();
     }
-    // What all ranks find alike, rank 0 says, and the place does not matter.
+    // An error that all ranks find alike is reported by rank 0, without its number and host.
     constexpr std::array kAlike{ErrorKind::invalid_argument, ErrorKind::not_found};
     const bool is_alike = std::any_of(kAlike.begin(), kAlike.end(), [&](ErrorKind kind) {
         return outcome.exit_code == static_cast<int>(kind);

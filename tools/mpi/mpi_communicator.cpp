@@ -13,29 +13,28 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// Tags of messages. An exchange has one of its own, so that a rank that is ahead does not disturb
-/// it.
-constexpr int kFailed = 1;  ///< to rank 0: how this rank ended, it has failed
-constexpr int kDone = 2;    ///< to rank 0: it is done
-constexpr int kVerdict =
-    3;  ///< of rank 0: empty, another one has failed; else how the run has ended
+/// Message tags. Each exchange has its own tag, so that a rank that is ahead does not disturb
+/// others.
+constexpr int kFailed = 1;   ///< to rank 0: this rank has failed, and how it ended
+constexpr int kDone = 2;     ///< to rank 0: this rank is done
+constexpr int kVerdict = 3;  ///< from rank 0: empty: a rank has failed; else how the run ended
 constexpr int kFirst = 16;
-constexpr int kExchanges = 16384;  ///< the standard grants tags up to 32767
+constexpr int kExchanges = 16384;  ///< the standard guarantees tags up to 32767
 
-constexpr std::size_t kMostSending = 2;
+constexpr std::size_t kMaxSending = 2;
 
-/// Waits between two looks: first not at all, then up to a millisecond.
+/// The wait between two polls: first none, then up to a millisecond.
 class Patience {
   public:
     void reset() { looks_ = 0; }
     void wait() {
         constexpr int kEager = 200;
-        constexpr int kMost = 1000;  // microseconds
+        constexpr int kMax = 1000;  // microseconds
         if (++looks_ < kEager) {
             std::this_thread::yield();
         } else {
             std::this_thread::sleep_for(
-                std::chrono::microseconds(std::min(kMost, 10 * (looks_ - kEager + 1))));
+                std::chrono::microseconds(std::min(kMax, 10 * (looks_ - kEager + 1))));
         }
     }
 
@@ -63,12 +62,12 @@ std::vector<std::byte> received(MPI_Message& message, const MPI_Status& status) 
     return bytes;
 }
 
-/// Texts are short here: they are cut where a message would end.
+/// Texts are short here; they are truncated at the maximum size of a message.
 std::vector<std::byte> packed(const MpiCommunicator::Ending& ending) {
     std::string text = std::to_string(ending.exit_code) + '\n' +
                        (ending.is_consequence ? '1' : '0') + '\n' + ending.message + '\0' +
                        ending.details;
-    text.resize(std::min(text.size(), Communicator::kMostBytes));
+    text.resize(std::min(text.size(), Communicator::kMaxBytes));
     const auto bytes = std::as_bytes(std::span(text));
     return {bytes.begin(), bytes.end()};
 }
@@ -165,14 +164,14 @@ void MpiCommunicator::exchange(const Next& next, std::uint64_t expected, const T
     Patience patience;
     while (more || expected > 0 || !sending_.empty()) {
         bool moved = false;
-        while (more && sending_.size() < kMostSending) {
+        while (more && sending_.size() < kMaxSending) {
             Message message;
             more = next(message);
             if (!more) {
                 break;
             }
             if (message.to < 0 || message.to >= size_ || message.to == rank_ ||
-                message.bytes.size() > kMostBytes) {
+                message.bytes.size() > kMaxBytes) {
                 throw std::logic_error("a message that no rank may send");
             }
             ++traffic_.messages_sent;
@@ -207,7 +206,7 @@ void MpiCommunicator::exchange(const Next& next, std::uint64_t expected, const T
     traffic_.seconds += std::chrono::duration<double>(Clock::now() - start).count();
 }
 
-/// Whatever others have sent and nobody takes any more.
+/// Receives and discards messages that nobody needs any more.
 void MpiCommunicator::drop_messages() {
     MPI_Message message = MPI_MESSAGE_NULL;
     MPI_Status status;
@@ -244,7 +243,7 @@ MpiCommunicator::Ending MpiCommunicator::gather_endings(const Ending& own, int& 
         patience.reset();
         const std::vector<std::byte> bytes = received(message, status);
         if (status.MPI_TAG != kFailed && status.MPI_TAG != kDone) {
-            continue;  // of an exchange that is not to be any more
+            continue;  // from an exchange that no longer takes place
         }
         --open;
         const Ending ending = unpacked(bytes);
@@ -287,7 +286,7 @@ MpiCommunicator::Ending MpiCommunicator::agree(const Ending& own, int& who) {
             }
         }
     }
-    // Nobody leaves while somebody still sends.
+    // No rank leaves while another still sends.
     MPI_Request barrier = MPI_REQUEST_NULL;
     bool has_come = false;
     Patience patience;

@@ -1,4 +1,4 @@
-// Ranks of an MPI run. MPI carries the messages, its launcher starts the ranks and ends them.
+// The ranks of an MPI run. MPI transports the messages; its launcher starts and ends the ranks.
 #pragma once
 
 #include <mpi.h>
@@ -15,11 +15,11 @@
 
 namespace isonest::detail {
 
-/// All ranks of MPI_COMM_WORLD. Waiting costs no processor time, so that there may be more ranks
-/// than cores. Thread-safety: as Communicator.
+/// All ranks of MPI_COMM_WORLD. Waiting takes no processor time, so there may be more ranks than
+/// cores. Thread-safety: as for Communicator.
 class MpiCommunicator : public Communicator {
   public:
-    /// `stop`: whether the user wants the run to end; asked while the rank waits.
+    /// `stop`: whether the user wants the run to end; called while the rank waits.
     MpiCommunicator(int& argc, char**& argv, std::function<bool()> stop);
     MpiCommunicator(const MpiCommunicator&) = delete;
     MpiCommunicator& operator=(const MpiCommunicator&) = delete;
@@ -32,17 +32,17 @@ class MpiCommunicator : public Communicator {
     void check() override;
     void ignore_stop(bool is_ignored) override { is_stop_ignored_ = is_ignored; }
 
-    /// How the run has ended for one rank.
+    /// How the run ended on one rank.
     struct Ending {
         int exit_code = 0;
-        std::string message = {};     ///< why it failed; nothing where it did not
-        std::string details = {};     ///< the same for programs
-        bool is_consequence = false;  ///< it ended because another one had failed
+        std::string message = {};     ///< why it failed; empty if it did not
+        std::string details = {};     ///< the same, machine-readable
+        bool is_consequence = false;  ///< it ended because another rank had failed
         [[nodiscard]] bool has_failed() const { return !message.empty(); }
     };
-    /// Called once by every rank, when it is done or has failed: then the others, if they still
-    /// work, learn so by check() or in an exchange. Returns when all have called it, with the
-    /// ending that counts: of the first rank that failed by itself, which `who` names.
+    /// Called once by every rank, when it is done or has failed. Other ranks that are still working
+    /// learn of a failure in check() or exchange(). Returns when all ranks have called it, with the
+    /// ending that counts: that of the first rank that failed by itself; `who` is its number.
     Ending agree(const Ending& own, int& who);
 
   private:
@@ -50,7 +50,7 @@ class MpiCommunicator : public Communicator {
         std::vector<std::byte> bytes;
         MPI_Request request = MPI_REQUEST_NULL;
     };
-    /// Whether a rank has failed; throws nothing.
+    /// Whether a rank has failed; does not throw.
     bool has_failed();
     void require_going_on();
     bool finish_sending();
@@ -61,7 +61,7 @@ class MpiCommunicator : public Communicator {
     int rank_ = 0;
     int size_ = 1;
     std::string host_;
-    std::mutex mutex_;  ///< of all calls of MPI
+    std::mutex mutex_;  ///< guards all MPI calls
     std::deque<Sending> sending_;
     std::uint64_t exchanges_ = 0;
     std::atomic<bool> failed_ = false;

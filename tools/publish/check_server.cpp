@@ -1,5 +1,6 @@
-// Source: WHATWG, "Fetch" (CORS protocol; a range from a first to a last byte is among the
-// safelisted headers, and only browsers that are older than that ask first); RFC 9110, section 14.
+// Source: WHATWG, "Fetch" (CORS protocol; a range from a first to a last byte is a safelisted
+// header, so only older browsers send a preflight request); RFC 9110, section 14.
+
 #include "tools/publish/check_server.h"
 
 #include <fmt/format.h>
@@ -12,12 +13,12 @@
 
 #include "store/remote/answer.h"
 #include "store/remote/object_url.h"
-#include "store/remote/server/ask_server.h"
+#include "store/remote/open_location.h"
 
 namespace isonest::detail::publish {
 namespace {
 
-/// Of a store's footer, which ends so: store/FORMAT.md, "Footer and catalogue".
+/// The size of a store's footer, and its last bytes: store/FORMAT.md, "Footer and catalogue".
 constexpr std::size_t kPart = 64;
 constexpr std::string_view kFooterEnd = "IsoNest\n";
 constexpr const char* kBrowserEncodings = "Accept-Encoding: gzip, deflate, br";
@@ -30,7 +31,7 @@ std::string lower_case_of(std::string text) {
     return text;
 }
 
-/// Whether a list of names, with commas between them, has this one, or "*". `name`: lower case.
+/// Whether a comma-separated list of names contains this one, or "*". `name`: lower case.
 bool lists(const std::string& list, std::string_view name) {
     const std::string text = lower_case_of(list);
     for (std::size_t at = 0; at <= text.size();) {
@@ -83,7 +84,7 @@ class Checker {
     ServerReply ask(ServerQuestion question) {
         progress_.advance(1);
         progress_.check();
-        question.most_body = std::max(question.most_body, kPart);
+        question.max_body = std::max(question.max_body, kPart);
         return ask_server(question, [this] { progress_.check(); });
     }
 
@@ -91,7 +92,7 @@ class Checker {
              bool is_needed = true) {
         check_.findings.push_back({url, what, fault, is_needed, std::move(found)});
     }
-    /// `fault` unless `is_right`.
+    /// Adds `fault` unless `is_right`.
     void note(const std::string& url, const char* what, bool is_right, ServerFault fault,
               std::string found, bool is_needed = true) {
         add(url, what, is_right ? ServerFault::none : fault, std::move(found), is_needed);
@@ -127,7 +128,7 @@ class Checker {
         }
     }
 
-    /// As browsers write it: without the scheme's own port.
+    /// As browsers write it: without the scheme's default port.
     static std::string origin_of_page(const std::string& url) {
         std::string origin = origin_of(url);
         for (const std::string_view port : {":443", ":80"}) {
@@ -161,7 +162,7 @@ class Checker {
     }
 
     ServerReply ask_part(const std::string& url, const std::string& range) {
-        // A browser that asks for a part takes it as it is.
+        // A browser that requests a range does not accept compression.
         return ask({url, "GET", {"Range: bytes=" + range, kAsItIs, "Origin: " + origin_}});
     }
 
@@ -188,7 +189,7 @@ class Checker {
         }
     }
 
-    /// The store's size, if the part is one.
+    /// The size of the store, if the answer is a range.
     std::optional<std::uint64_t> check_first_part(const std::string& url, const ServerReply& part) {
         if (part.status != 206) {
             add(url, "ranges", ServerFault::ranges,
@@ -211,7 +212,7 @@ class Checker {
         return allowed == "*" || lower_case_of(allowed) == lower_case_of(origin_);
     }
 
-    /// A page first asks how long the store is, as browsers ask: they take it compressed.
+    /// A page first asks for the length of the store, like browsers ask: they accept compression.
     void check_head(const std::string& url, std::optional<std::uint64_t> size, bool is_elsewhere) {
         const ServerReply head = ask({url, "HEAD", {kBrowserEncodings, "Origin: " + origin_}});
         const std::string length = head.header("content-length");
@@ -263,7 +264,7 @@ class Checker {
 
     std::string origin_;
     Progress& progress_;
-    bool shares_parts_ = true;  ///< what is wrong with that is said once
+    bool shares_parts_ = true;  ///< so that a fault of range requests is reported once
     ServerCheck check_;
 };
 
@@ -313,6 +314,133 @@ std::string_view name_of(ServerFault fault) {
 ServerCheck check_server(const std::string& url, const std::string& origin, Progress& progress) {
     progress.begin("asking the server", 0, "requests");
     return Checker(origin, progress).check(url);
+}
+
+namespace {
+
+/// Whether something is missing that pages of other servers need to read the store.
+bool lacks_sharing(const ServerCheck& check) {
+    return check.has(ServerFault::origin) || check.has(ServerFault::exposed) ||
+           check.has(ServerFault::preflight);
+}
+
+ServerLines nginx_lines(const ServerCheck& check) {
+    const bool shares = lacks_sharing(check);
+    std::string text;
+    if (shares || check.has(ServerFault::encoding)) {
+        text += "location ~ \\.isonest$ {\n";
+        if (check.has(ServerFault::encoding)) {
+            text += "    gzip off;\n";
+        }
+        if (shares) {
+            text +=
+                "    add_header Access-Control-Allow-Origin \"*\" always;\n"
+                "    add_header Access-Control-Expose-Headers \"ETag\" always;\n"
+                "    if ($request_method = OPTIONS) {\n"
+                "        add_header Access-Control-Allow-Origin \"*\";\n"
+                "        add_header Access-Control-Allow-Headers \"Range\";\n"
+                "        add_header Access-Control-Max-Age 86400;\n"
+                "        return 204;\n"
+                "    }\n";
+        }
+        text += "}\n";
+    }
+    if (check.has(ServerFault::ranges)) {
+        text +=
+            "max_ranges 1;             # 0 switches ranges off\n"
+            "proxy_force_ranges on;    # where it passes on what another server sends\n";
+    }
+    if (check.has(ServerFault::etag)) {
+        text += "etag on;\n";
+    }
+    if (check.has(ServerFault::wasm_type)) {
+        text += "location ~ \\.wasm$ { types { application/wasm wasm; } }\n";
+    }
+    if (check.has(ServerFault::script_type)) {
+        text += "location ~ \\.m?js$ { types { text/javascript js mjs; } }\n";
+    }
+    if (check.has(ServerFault::compression)) {
+        text += "gzip on;\ngzip_types application/wasm text/javascript;\n";
+    }
+    return {"nginx", "in the server block; nginx -s reload takes them", text};
+}
+
+ServerLines apache_lines(const ServerCheck& check) {
+    const bool shares = lacks_sharing(check);
+    std::string text;
+    if (shares || check.has(ServerFault::encoding)) {
+        text += "<FilesMatch \"\\.isonest$\">\n";
+        if (check.has(ServerFault::encoding)) {
+            text += "    SetEnv no-gzip 1\n";
+        }
+        if (shares) {
+            text +=
+                "    Header always set Access-Control-Allow-Origin \"*\"\n"
+                "    Header always set Access-Control-Expose-Headers \"ETag\"\n"
+                "    Header always set Access-Control-Allow-Headers \"Range\"\n"
+                "    Header always set Access-Control-Max-Age \"86400\"\n";
+        }
+        text += "</FilesMatch>\n";
+    }
+    if (check.has(ServerFault::ranges)) {
+        text += "MaxRanges default    # in the server's own configuration\n";
+    }
+    if (check.has(ServerFault::etag)) {
+        text += "FileETag MTime Size\n";
+    }
+    if (check.has(ServerFault::wasm_type)) {
+        text += "AddType application/wasm .wasm\n";
+    }
+    if (check.has(ServerFault::script_type)) {
+        text += "AddType text/javascript .js .mjs\n";
+    }
+    if (check.has(ServerFault::compression)) {
+        text += "AddOutputFilterByType DEFLATE application/wasm text/javascript\n";
+    }
+    return {"Apache",
+            "in .htaccess of the folder, with the modules headers, env and deflate (a2enmod)",
+            text};
+}
+
+ServerLines s3_lines(const ServerCheck& check) {
+    std::string text;
+    if (lacks_sharing(check)) {
+        text +=
+            "aws s3api put-bucket-cors --bucket BUCKET --cors-configuration '{\"CORSRules\": "
+            "[{\"AllowedOrigins\": [\"*\"], \"AllowedMethods\": [\"GET\", \"HEAD\"], "
+            "\"AllowedHeaders\": [\"Range\"], \"ExposeHeaders\": [\"ETag\"], \"MaxAgeSeconds\": "
+            "86400}]}'\n";
+    }
+    if (check.has(ServerFault::encoding)) {
+        text += "aws s3 cp STORE s3://BUCKET/STORE    # without --content-encoding\n";
+    }
+    if (check.has(ServerFault::wasm_type)) {
+        text += "aws s3 cp isonest.wasm s3://BUCKET/isonest.wasm --content-type application/wasm\n";
+    }
+    if (check.has(ServerFault::script_type)) {
+        text +=
+            "aws s3 cp . s3://BUCKET/ --recursive --exclude '*' --include '*.js' --include '*.mjs' "
+            "--content-type text/javascript\n";
+    }
+    if (check.has(ServerFault::compression)) {
+        text +=
+            "gzip -k isonest.wasm && aws s3 cp isonest.wasm.gz s3://BUCKET/isonest.wasm "
+            "--content-type application/wasm --content-encoding gzip\n";
+    }
+    return {"S3", "once, with the bucket's name; S3 itself answers ranges and has ETags", text};
+}
+
+}  // namespace
+
+std::vector<ServerLines> lines_to_add(const ServerCheck& check) {
+    std::vector<ServerLines> all;
+    for (ServerLines& lines :
+         std::vector{nginx_lines(check), apache_lines(check), s3_lines(check)}) {
+        if (!lines.lines.empty()) {
+            all.push_back(std::move(lines));
+        }
+    }
+    return all;
 }
 
 }  // namespace isonest::detail::publish

@@ -1,4 +1,4 @@
-// A folder that shows stores on any web server: what is in it, and how it is written.
+// A folder that shows stores on any web server: its contents, and how it is written.
 #pragma once
 
 #include <cstdint>
@@ -13,16 +13,24 @@
 
 namespace isonest::detail::publish {
 
-/// One of the viewer's page, or of the library that runs in it.
+// Which URLs a published site may contain.
+
+/// The URL by which a page reads a store: as given, or for s3:// in its https:// form. Throws
+/// Error{invalid_argument} if it is not the URL of a store, and if it has a password, a signature,
+/// or a query parameter that looks like a secret, because everybody can read the site. The message
+/// contains no secret.
+std::string public_url(const std::string& text);
+
+/// A file of the viewer's page, or of the library that runs in the page.
 struct PageFile {
     std::string_view name;   ///< "main.js"
-    std::string_view bytes;  ///< live as long as the program
+    std::string_view bytes;  ///< valid as long as the program runs
 };
 
-/// Whether the library that runs in a page is there.
+/// Whether the library that runs in a page is among these files.
 bool has_library(const std::vector<PageFile>& page);
 
-/// What a publisher says of a site or a store; any of it may be empty.
+/// What the publisher says about a site or a store; each may be empty.
 struct About {
     std::string title;
     std::string description;
@@ -30,45 +38,45 @@ struct About {
 };
 
 struct SiteStore {
-    std::string name;            ///< what links call it by, and its file in the site
-    std::filesystem::path file;  ///< empty: it is only named
-    /// That was opened to describe it, also where it is only named; empty: a URL.
+    std::string name;            ///< its name in links, and of its file in the site
+    std::filesystem::path file;  ///< empty: the store is only linked
+    /// The file that was opened to describe the store, also if it is only linked; empty: a URL.
     std::filesystem::path described_by;
-    std::string url;  ///< where it is, percent-encoded; empty: in the site's own folder
+    std::string url;  ///< its address, percent-encoded; empty: in the site's own folder
     About about;
     std::uint64_t bytes = 0;
     Int3 nodes;
     std::string type;
-    std::string unit;  ///< of length; empty: not known
+    std::string unit;  ///< of length; empty: unknown
 };
 
 struct Site {
     About about;
     std::vector<SiteStore> stores;
-    bool hard_links = false;  ///< to stores, in place of copies
+    bool hard_links = false;  ///< hard links to stores instead of copies
 };
 
-/// Bytes that the library in the page may hold; the page says so.
+/// Memory budget in bytes of the library in the page; the page shows it.
 inline constexpr std::uint64_t kPageMemory = std::uint64_t{256} << 20U;
 
-/// A name, of a file for example, as a part of a URL's path.
+/// Percent-encodes a name, such as a file name, as part of a URL's path.
 std::string percent_encoded(std::string_view text);
-/// "stores/NAME.isonest", percent-encoded, or its url.
+/// "stores/NAME.isonest", percent-encoded, or the store's url.
 std::string url_in_site(const SiteStore& store);
-/// The list that the page reads. `files`: all of the folder, which isonest may replace.
+/// The list that the page reads. `files`: all files of the folder, which isonest may replace.
 std::string site_list(const Site& site, const std::vector<std::string>& files);
-/// The page of the viewer with the list's name, the site's title and a policy: no script but the
-/// site's own, no request but to the servers of its stores. Throws Error{corrupt} if `page` is
-/// none.
+/// The viewer's page with the list's name, the site's title and a content security policy: scripts
+/// only from the site itself, requests only to the servers of its stores. Throws Error{corrupt} if
+/// `page` is not the viewer's page.
 std::string site_page(std::string_view page, const Site& site);
-/// The policy alone.
+/// Only the policy.
 std::string content_policy(const Site& site);
 
-/// Throws Error{invalid_argument} if `folder` holds anything that was not written by write_site().
+/// Throws Error{invalid_argument} if `folder` contains anything that write_site() did not write.
 void require_own_site(const std::filesystem::path& folder);
 
-/// The folder appears whole or not at all; one that exists is replaced with `force`, if isonest
-/// made it. Returns the names of its files. Throws Error{invalid_argument, not_found, io,
+/// The folder appears only when it is complete; with `force`, an existing one that isonest made is
+/// replaced. Returns the names of its files. Throws Error{invalid_argument, not_found, io,
 /// cancelled}.
 std::vector<std::string> write_site(const std::filesystem::path& folder, const Site& site,
                                     const std::vector<PageFile>& page, bool force,

@@ -1,4 +1,4 @@
-# Writes page_files.cpp (page_files.h) with all files of FOLDER inside.
+# Writes page_files.cpp (page_files.h), which embeds all files of FOLDER.
 # usage: cmake -D FOLDER=... -D OUTPUT=... -P embed_page.cmake
 file(GLOB files ${FOLDER}/*)
 list(SORT files)

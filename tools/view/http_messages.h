@@ -1,4 +1,4 @@
-// What the viewer's server is asked and what it answers, without the network.
+// Requests to the viewer's server and its answers, independent of the network.
 #pragma once
 
 #include <cstddef>
@@ -16,17 +16,17 @@ namespace isonest::detail::view {
 
 struct HttpRequest {
     std::string method;
-    std::string target;  ///< path and query, as they came
-    // Headers; empty if they did not come.
+    std::string target;  ///< path and query, as received
+    // Headers; empty if absent.
     std::string host;
     std::string origin;
     std::string fetch_site;
 };
 
-/// A file that is sent and then removed, with the folder that it lies in.
+/// A file that is sent and then removed, together with its folder.
 class SentFile {
   public:
-    /// `folder` is this file's own.
+    /// `folder` contains only this file.
     SentFile(std::filesystem::path folder, std::filesystem::path file)
         : folder_(std::move(folder)), file_(std::move(file)) {}
     SentFile(SentFile&& other) noexcept
@@ -49,39 +49,40 @@ class SentFile {
 struct HttpAnswer {
     unsigned status = 200;
     std::string type = "application/json";
-    /// Text or bytes; bytes that live as long as the program; or a file.
+    /// Text or bytes; bytes that stay valid as long as the program runs; or a file.
     std::variant<std::string, std::string_view, SentFile> body = std::string();
-    std::string file_name = {};  ///< under which a browser saves it; empty: it shows it
+    /// Name under which a browser saves it; empty: shown by the browser.
+    std::string file_name = {};
 
-    /// Of what is held in memory for it alone.
+    /// Bytes in memory that belong to this answer alone.
     [[nodiscard]] std::size_t heap() const {
         const auto* const text = std::get_if<std::string>(&body);
         return text != nullptr ? text->size() : 0;
     }
 };
 
-/// Work that goes on for a request. Thread-safe.
+/// Work in progress for a request. Thread-safe.
 class Waiting {
   public:
     Waiting() = default;
     Waiting(const Waiting&) = delete;
     Waiting& operator=(const Waiting&) = delete;
     virtual ~Waiting() = default;
-    /// Nobody wants the answer any more.
+    /// The answer is no longer wanted.
     virtual void cancel() = 0;
 };
 
 using Reply = std::function<void(HttpAnswer answer)>;
 
-/// What answers requests.
+/// Answers requests.
 class HttpHandler {
   public:
     HttpHandler() = default;
     HttpHandler(const HttpHandler&) = delete;
     HttpHandler& operator=(const HttpHandler&) = delete;
     virtual ~HttpHandler() = default;
-    /// Called from the server's thread; does not block and does not throw. `reply` is called once,
-    /// from any thread, now or later; null is returned if it was called.
+    /// Called on the server's thread; does not block and does not throw. `reply` is called once,
+    /// from any thread, now or later; returns null if it was already called.
     virtual std::shared_ptr<Waiting> handle(const HttpRequest& request, Reply reply) = 0;
 };
 

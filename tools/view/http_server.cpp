@@ -1,9 +1,12 @@
 // Beast's asynchronous operations, all in one thread (Boost 1.74, examples of Beast).
+
 #include "tools/view/http_server.h"
 
 #include <fmt/format.h>
+#include <sys/random.h>
 
 #include <algorithm>
+#include <array>
 #include <boost/asio/dispatch.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
@@ -21,6 +24,69 @@
 #include <isonest/version.h>
 
 namespace isonest::detail::view {
+namespace {
+
+/// Constant time, so that a wrong token takes as long as the right one.
+bool same(const std::string& a, const std::string& b) {
+    if (a.size() != b.size()) {
+        return false;
+    }
+    unsigned difference = 0;
+    for (std::size_t i = 0; i < a.size(); ++i) {
+        difference |= static_cast<unsigned>(static_cast<unsigned char>(a[i]) ^
+                                            static_cast<unsigned char>(b[i]));
+    }
+    return difference == 0;
+}
+
+bool is_own_host(const Access& access, const std::string& host) {
+    const std::string port = fmt::format(":{}", access.port);
+    const std::string address =
+        access.address.find(':') == std::string::npos ? access.address : "[" + access.address + "]";
+    if (host == address + port || host == "localhost" + port) {
+        return true;
+    }
+    constexpr std::uint16_t kDefaultPort = 80;  // which browsers omit
+    if (access.port == kDefaultPort && (host == address || host == "localhost")) {
+        return true;
+    }
+    return access.any_address && !host.empty();
+}
+
+}  // namespace
+
+std::string why_refused(const Access& access, const HttpRequest& request, const std::string& token,
+                        bool is_page) {
+    if (!is_own_host(access, request.host)) {
+        return "the Host of the request is not this server";
+    }
+    if (is_page) {
+        return {};
+    }
+    if (!request.origin.empty() && request.origin != "http://" + request.host) {
+        return "pages of other origins get nothing from this server";
+    }
+    if (!request.fetch_site.empty() && request.fetch_site != "same-origin" &&
+        request.fetch_site != "none") {
+        return "pages of other sites get nothing from this server";
+    }
+    if (!access.token.empty() && !same(access.token, token)) {
+        return "the token is missing or wrong: it is in the URL that the server printed";
+    }
+    return {};
+}
+
+std::string new_token() {
+    std::array<unsigned char, 16> bytes{};
+    if (::getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) {
+        throw Error(ErrorKind::io, "cannot obtain random bytes");
+    }
+    std::string token;
+    for (const unsigned char byte : bytes) {
+        token += fmt::format("{:02x}", byte);
+    }
+    return token;
+}
 
 namespace asio = boost::asio;
 namespace beast = boost::beast;
@@ -35,7 +101,7 @@ struct HttpServer::Parts {
     tcp::acceptor acceptor{io};
     asio::steady_timer clock{io};
     HttpHandler* handler = nullptr;
-    std::list<std::weak_ptr<Connection>> all;  ///< the oldest first
+    std::list<std::weak_ptr<Connection>> all;  ///< oldest first
     std::size_t sending_bytes = 0;
     bool accepts = true;
 
@@ -63,8 +129,8 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
         since_ = std::chrono::steady_clock::now();
         parser_.emplace();
         parser_->header_limit(static_cast<std::uint32_t>(parts_->limits.header_bytes));
-        parser_->body_limit(kMostBody);
-        // The first byte may take long to come, the others may not.
+        parser_->body_limit(kMaxBody);
+        // The first byte may take long to arrive, the others may not.
         if (buffer_.size() > 0) {
             read_request();
             return;
@@ -105,7 +171,7 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
         state_ = State::sending;
         since_ = std::chrono::steady_clock::now();
         beast::error_code ignored;
-        stream_.socket().cancel(ignored);  // watching for the other end
+        stream_.socket().cancel(ignored);  // stops watching for the other end
         sent_bytes_ = answer.heap();
         parts_->make_room_for_answer(sent_bytes_, this);
         parts_->sending_bytes += sent_bytes_;
@@ -130,7 +196,7 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
     [[nodiscard]] std::chrono::steady_clock::time_point since() const { return since_; }
 
   private:
-    static constexpr std::uint64_t kMostBody = 1 << 10;
+    static constexpr std::uint64_t kMaxBody = 1 << 10;
     static constexpr std::size_t kFirstRead = std::size_t{4} << 10U;
 
     void read_request() {
@@ -146,7 +212,7 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
             return;
         }
         if (ec) {
-            head_ = false;  // of the request before
+            head_ = false;  // of the previous request
             if (ec == http::error::header_limit || ec == http::error::body_limit) {
                 keep_alive_ = false;
                 answer({431, "text/plain", std::string("the request is too long\n")});
@@ -160,7 +226,7 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
             return;
         }
         const http::request<http::string_body>& message = parser_->get();
-        // What is there several times is none of the values that it may have.
+        // Repeated headers are joined; the result is none of the valid values.
         const auto header = [&](std::string_view name) {
             const auto [begin, end] =
                 message.equal_range(beast::string_view(name.data(), name.size()));
@@ -199,7 +265,7 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
         }
     }
 
-    /// Who closes the connection wants no answer.
+    /// Detects that the client closes the connection, because it then needs no answer.
     void watch_other_end() {
         stream_.socket().async_wait(
             tcp::socket::wait_read, [self = shared_from_this()](const beast::error_code& ec) {
@@ -212,7 +278,7 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
                     asio::buffer(&byte, 1), tcp::socket::message_peek, peeked);
                 if (peeked || n == 0) {
                     self->close();
-                }  // else the next request is there already: it waits
+                }  // otherwise the next request has arrived already and waits
             });
     }
 
@@ -225,7 +291,7 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
         message.set("X-Content-Type-Options", "nosniff");
         message.set("Referrer-Policy", "no-referrer");
         message.set("Cross-Origin-Resource-Policy", "same-origin");
-        // Nothing but what this server sends; in a frame of a notebook on this machine alone.
+        // Allows only what this server sends; frames only in notebooks on this machine.
         message.set("Content-Security-Policy",
                     "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; "
                     "img-src 'self' data: blob:; worker-src 'self' blob:; object-src 'none'; "
@@ -239,7 +305,7 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
         return message;
     }
 
-    /// REQUIRES: the text stays until it is sent; answer_ does.
+    /// REQUIRES: the text stays valid until it is sent, like answer_.
     void send_text(std::string_view text) {
         http::response<http::span_body<const char>> message =
             headers<http::span_body<const char>>();
@@ -282,7 +348,7 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
     beast::flat_buffer buffer_{std::size_t{64} << 10U};
     std::optional<http::request_parser<http::string_body>> parser_;
     std::shared_ptr<Waiting> work_;
-    std::shared_ptr<Connection> alive_;  ///< itself, while it waits for an answer
+    std::shared_ptr<Connection> alive_;  ///< keeps this object alive while it waits for an answer
     HttpAnswer answer_;
     std::size_t sent_bytes_ = 0;
     std::chrono::steady_clock::time_point since_ = std::chrono::steady_clock::now();
@@ -344,7 +410,7 @@ void HttpServer::Parts::accept(const std::shared_ptr<Parts>& self) {
             all.push_back(connection);
             connection->read();
         } else if (ec) {
-            // No file descriptor is left, say: the next try comes with the next look at the clock.
+            // For example, no file descriptors are left: tried again at the next clock tick.
             accepts = false;
             return;
         }
@@ -371,7 +437,7 @@ void HttpServer::Parts::watch(const std::shared_ptr<Parts>& self,
                 alive->close();
             }
         }
-        // Nothing is under way then, and run() returns.
+        // Nothing is in progress then, and run() returns.
     });
 }
 
@@ -379,7 +445,7 @@ HttpServer::HttpServer(const std::string& address, std::uint16_t port, const Htt
     : parts_([&limits] {
           try {
               return std::make_shared<Parts>(limits);
-          } catch (const boost::system::system_error& e) {  // no descriptor for its loop of events
+          } catch (const boost::system::system_error& e) {  // no file descriptor for its event loop
               throw Error(ErrorKind::io, fmt::format("cannot start a server: {}", e.what()),
                           {{RemedyKind::raise_limit, "ulimit -n"}});
           }

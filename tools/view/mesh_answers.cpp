@@ -10,9 +10,64 @@
 
 #include <isonest/error.h>
 
+#include "store/container/format.h"
+#include "store/container/reader.h"
 #include "tools/view/mesh_message.h"
 
 namespace isonest::detail::view {
+
+// On smooth data, the number of triangles doubles when the error is halved: the error is quadratic
+// in the size of an element, and the number of triangles is quadratic in the inverse of the size.
+// On other data it grows faster; each search corrects the assumption of the last one.
+
+namespace {
+
+/// With less than a third of the permitted triangles, another try is worthwhile.
+constexpr double kFew = 3;
+/// Conservative factor by which one finer step increases the number of triangles.
+constexpr double kGrowth = 2;
+
+}  // namespace
+
+double ErrorChoice::error(int step) const {
+    return step > kMaxStep ? 0 : 2 * range_ * std::exp2(-0.5 * step);
+}
+
+void ErrorChoice::learn(const Search& search) {
+    if (search.best_step() >= 0) {
+        start_ = search.best_step();
+    }
+}
+
+ErrorChoice::Search::Search(const ErrorChoice& choice, std::uint64_t most, double seconds)
+    : choice_(&choice), max_(most), seconds_(seconds), step_(choice.start_) {}
+
+std::optional<double> ErrorChoice::Search::next() const {
+    return ended_ ? std::nullopt : std::optional(choice_->error(step_));
+}
+
+std::optional<double> ErrorChoice::Search::best() const {
+    return best_ < 0 ? std::nullopt : std::optional(choice_->error(best_));
+}
+
+void ErrorChoice::Search::tried(std::uint64_t triangles, double seconds) {
+    spent_ += seconds;
+    const double part = static_cast<double>(triangles) / static_cast<double>(max_);
+    if (triangles > max_) {
+        too_fine_ = std::min(too_fine_, step_);
+        const int back = std::max(1, static_cast<int>(std::ceil(std::log2(part))));
+        step_ = std::max(step_ - back, best_ >= 0 ? best_ + 1 : 0);
+        // Ends with a mesh, or at the coarsest step.
+        ended_ = best_ >= 0 || too_fine_ == 0;
+        return;
+    }
+    best_ = step_;
+    const int forth =
+        triangles == 0 ? 2 : static_cast<int>(std::floor(std::log(1 / part) / std::log(kGrowth)));
+    step_ = std::min({step_ + std::max(forth, 1), too_fine_ - 1, kMaxStep + 1});
+    ended_ = step_ <= best_ || part * kFew > 1 || spent_ > seconds_;
+}
+
 namespace {
 
 using Json = nlohmann::ordered_json;
@@ -55,7 +110,7 @@ HttpAnswer as_answer(MeshMessage& mesh, const MeshRequest& request, const Extrac
     return {200, "application/octet-stream", mesh.finish(header_of(request, report, mesh)), {}};
 }
 
-/// A slider waits for the answer; who asked for a limit waits for the best mesh.
+/// A slider needs its answer at once; a user who set a limit waits for the best mesh.
 constexpr double kSliderSeconds = 0.04;
 constexpr double kPatience = 2;
 
@@ -75,43 +130,37 @@ ExtractReport MeshAnswers::extract_to(MeshSink& sink, const MeshRequest& request
                        options, progress);
     }
     const auto* const distance = std::get_if<DistanceBound>(&request.stop);
-    const SurfaceStop stop =
-        distance != nullptr
-            ? SurfaceStop(DistanceBound{distance->value - rounding, false, distance->effort})
-            : SurfaceStop(std::get<ErrorBound>(request.stop));
+    const SurfaceStop stop = distance != nullptr
+                                 ? SurfaceStop(DistanceBound{distance->value - rounding})
+                                 : SurfaceStop(std::get<ErrorBound>(request.stop));
     if (std::holds_alternative<LabelChoice>(request.what)) {
         return extract(store_, label_query(request, stop), sink, options, progress);
     }
     return extract(store_, surface_query(request, stop), sink, options, progress);
 }
 
-/// What rounding positions may take of the distance asked for: nothing if that is smaller.
+/// The part of the requested distance that rounding positions may take: none if the distance is too
+/// small.
 double MeshAnswers::rounding_within(const MeshRequest& request) const {
     const auto* const distance = std::get_if<DistanceBound>(&request.stop);
     if (distance == nullptr) {
         return 0;
     }
-    double square = 0;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        const double extent = store_.spacing()[axis] *
-                              static_cast<double>(store_.nodes()[static_cast<int>(axis)] - 1);
-        square += extent * extent;
-    }
-    // A mesh of a rotated volume lies in a box that is as long as the diagonal at most.
-    const double most =
-        MeshMessage::rounding_of({std::sqrt(square), std::sqrt(square), std::sqrt(square)});
+    // The box of a rotated volume's mesh is at most as long as the diagonal.
+    const double diagonal = diagonal_of(store_.reader().layout().header());
+    const double most = MeshMessage::rounding_of({diagonal, diagonal, diagonal});
     return 2 * most < distance->value ? most : 0;
 }
 
 HttpAnswer MeshAnswers::within_triangles(MeshRequest request, std::uint64_t most, double seconds,
                                          Progress& progress) {
     request.camera.reset();
-    ErrorChoice::Search search(choice_, std::min(most, budget_.most_triangles), seconds);
+    ErrorChoice::Search search(choice_, std::min(most, budget_.max_triangles), seconds);
     HttpAnswer answer;
     std::uint64_t fewest = 0;
     while (const std::optional<double> error = search.next()) {
         request.stop = ErrorBound{*error};
-        MeshMessage mesh(std::min(most, budget_.most_triangles));
+        MeshMessage mesh(std::min(most, budget_.max_triangles));
         const auto start = std::chrono::steady_clock::now();
         std::uint64_t triangles = 0;
         try {
@@ -135,8 +184,8 @@ HttpAnswer MeshAnswers::within_triangles(MeshRequest request, std::uint64_t most
 }
 
 HttpAnswer MeshAnswers::within_stop(const MeshRequest& request, Progress& progress) {
-    const bool has_limit = request.limit && *request.limit <= budget_.most_triangles;
-    MeshMessage mesh(has_limit ? *request.limit : budget_.most_triangles);
+    const bool has_limit = request.limit && *request.limit <= budget_.max_triangles;
+    MeshMessage mesh(has_limit ? *request.limit : budget_.max_triangles);
     try {
         const ExtractReport report = extract_to(mesh, request, rounding_within(request), progress);
         return as_answer(mesh, request, report);
@@ -146,7 +195,7 @@ HttpAnswer MeshAnswers::within_stop(const MeshRequest& request, Progress& progre
         }
         throw Error(ErrorKind::limit, {store_.path().string()},
                     fmt::format("the mesh has {} triangles; this memory is enough for {}",
-                                e.triangles, budget_.most_triangles),
+                                e.triangles, budget_.max_triangles),
                     request.smooth ? std::vector<Remedy>{{RemedyKind::more_memory}}
                                    : std::vector<Remedy>{{RemedyKind::larger_error},
                                                          {RemedyKind::smaller_box}});

@@ -1,22 +1,67 @@
-// The meshes that the viewer's page asks for.
+// The meshes that the viewer's page requests.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 
 #include <isonest/extract.h>
 
-#include "tools/view/error_choice.h"
 #include "tools/view/http_messages.h"
 #include "tools/view/mesh_request.h"
 
 namespace isonest::detail::view {
 
-/// What one kind of mesh may use.
+// Chooses the error for which a mesh has at most so many triangles, starting from the previous
+// choice, because a slider moves in small steps.
+
+/// Errors are steps of half an octave: step k is twice the range / 2^(k / 2); the step after the
+/// last is an error of zero.
+class ErrorChoice {
+  public:
+    /// `range`: of the data, >= 0.
+    explicit ErrorChoice(double range) : range_(range) {}
+
+    static constexpr int kMaxStep = 48;
+
+    /// One search: make meshes at the error of next() until it returns nothing.
+    class Search {
+      public:
+        /// Once a mesh has few enough triangles, finer ones are tried for at most so many seconds.
+        Search(const ErrorChoice& choice, std::uint64_t most, double seconds);
+        /// The error of the next mesh; none if the best one is known.
+        [[nodiscard]] std::optional<double> next() const;
+        /// Reports the number of triangles and the time of the mesh for next().
+        void tried(std::uint64_t triangles, double seconds);
+        /// The error of the best mesh so far; none if all had too many triangles.
+        [[nodiscard]] std::optional<double> best() const;
+        [[nodiscard]] int best_step() const { return best_; }
+
+      private:
+        const ErrorChoice* choice_;
+        std::uint64_t max_;
+        double seconds_;
+        int step_;
+        int best_ = -1;
+        int too_fine_ = kMaxStep + 2;  ///< the coarsest step with too many triangles
+        double spent_ = 0;
+        bool ended_ = false;
+    };
+
+    [[nodiscard]] double error(int step) const;
+    /// The result of this search becomes the start of the next one.
+    void learn(const Search& search);
+
+  private:
+    double range_;
+    int start_ = 8;
+};
+
+/// Limits for one kind of mesh.
 struct MeshBudget {
-    std::uint64_t memory = 0;          ///< of the extraction
-    std::uint64_t most_triangles = 0;  ///< of the answer
+    std::uint64_t memory = 0;         ///< of the extraction
+    std::uint64_t max_triangles = 0;  ///< of the answer
     int threads = 0;
 };
 
@@ -26,15 +71,16 @@ class MeshAnswers {
     MeshAnswers(const Store& store, const MeshBudget& budget, double range)
         : store_(store), budget_(budget), choice_(range) {}
 
-    /// A message as of PROTOCOL.md. Throws what extract() throws, and Error{limit} if the mesh
-    /// would be too large.
+    /// A message according to PROTOCOL.md. Throws what extract() throws, and Error{limit} if the
+    /// mesh would be too large.
     HttpAnswer message(const MeshRequest& request, Progress& progress);
-    /// The mesh as a file of this ending, in a folder of its own below `scratch`. The same errors.
+    /// The mesh as a file with this extension, in its own folder below `scratch`. Throws the same
+    /// errors.
     HttpAnswer file(const MeshRequest& request, const std::string& ending,
                     const std::filesystem::path& scratch, Progress& progress);
 
   private:
-    /// `rounding`: what a distance leaves for it.
+    /// `rounding`: part of a distance tolerance that is reserved for rounding.
     ExtractReport extract_to(MeshSink& sink, const MeshRequest& request, double rounding,
                              Progress& progress) const;
     [[nodiscard]] double rounding_within(const MeshRequest& request) const;

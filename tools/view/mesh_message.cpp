@@ -12,8 +12,7 @@
 
 #include <isonest/error.h>
 
-#include "store/base/hypot3.h"
-#include "store/base/vector3.h"
+#include "store/base/vectors.h"
 
 namespace isonest::detail::view {
 namespace {
@@ -23,8 +22,8 @@ using Json = nlohmann::ordered_json;
 constexpr double kSteps = 65535;
 constexpr std::size_t kAlignment = 16;
 constexpr std::uint32_t kVersion = 1;
-/// Below, bytes as they are cost less than to decode them.
-constexpr std::uint64_t kLeastEncoded = 256;
+/// Below this size, uncompressed bytes cost less than decoding.
+constexpr std::uint64_t kMinEncoded = 256;
 
 std::uint16_t rounded(double steps) {
     return static_cast<std::uint16_t>(std::lround(std::clamp(steps, 0.0, kSteps)));
@@ -42,13 +41,13 @@ void append_number(std::string& out, std::uint32_t number) {
     }
 }
 
-/// A section: how it is described, and its bytes.
+/// Sections with their descriptions and bytes.
 class Sections {
   public:
     template <class T>
     void add_vertices(const std::string& name, std::vector<T>& rows) {
         std::string bytes;
-        const bool encoded = rows.size() >= kLeastEncoded;
+        const bool encoded = rows.size() >= kMinEncoded;
         if (encoded) {
             bytes.resize(::meshopt_encodeVertexBufferBound(rows.size(), sizeof(T)));
             bytes.resize(
@@ -62,7 +61,7 @@ class Sections {
     }
     void add_indices(std::vector<std::uint32_t>& indices, std::size_t vertices) {
         std::string bytes;
-        const bool encoded = indices.size() >= kLeastEncoded;
+        const bool encoded = indices.size() >= kMinEncoded;
         if (encoded) {
             bytes.resize(::meshopt_encodeIndexBufferBound(indices.size(), vertices));
             bytes.resize(::meshopt_encodeIndexBuffer(reinterpret_cast<unsigned char*>(bytes.data()),
@@ -103,7 +102,7 @@ void MeshMessage::prepare(const MeshLayout& layout,
 }
 
 void MeshMessage::begin(const MeshLayout& layout) {
-    if (layout.elements > most_) {
+    if (layout.elements > max_) {
         throw TooManyTriangles(layout.elements);
     }
     layout_ = layout;

@@ -1,4 +1,4 @@
-// A mesh as the viewer's page gets it (PROTOCOL.md, "A mesh").
+// The mesh message for the viewer's page (PROTOCOL.md, "A mesh").
 #pragma once
 
 #include <array>
@@ -13,22 +13,23 @@
 
 namespace isonest::detail::view {
 
-/// The mesh has more triangles than the sink was told to take.
+/// The mesh has more triangles than the sink accepts.
 struct TooManyTriangles : public std::exception {
     explicit TooManyTriangles(std::uint64_t triangles_) : triangles(triangles_) {}
     [[nodiscard]] const char* what() const noexcept override { return "too many triangles"; }
     std::uint64_t triangles;
 };
 
-/// Positions are rounded to 2^16 steps along each axis of the mesh's box, values to 2^16 between
-/// their smallest and largest.
+/// Positions are rounded to 2^16 steps along each axis of the mesh's box, values to 2^16 steps
+/// between the smallest and the largest.
 class MeshMessage : public MeshSink {
   public:
-    /// begin() throws TooManyTriangles beyond `most` triangles.
-    explicit MeshMessage(std::uint64_t most) : most_(most) {}
+    /// begin() throws TooManyTriangles above `most` triangles.
+    explicit MeshMessage(std::uint64_t most) : max_(most) {}
 
-    /// Bytes of heap for a triangle, at most, while a message is made: a mesh has at most three
-    /// vertices for a triangle, and about half of one; one without normals of its own about half.
+    /// Maximum heap in bytes per triangle while a message is made. A mesh has at most three
+    /// vertices per triangle, usually about half a vertex, and without normals of its own always
+    /// about half.
     static constexpr std::uint64_t kTriangleHeap = 64;
 
     /// Throws Error{invalid_argument} for lines.
@@ -40,14 +41,14 @@ class MeshMessage : public MeshSink {
     [[nodiscard]] bool holds_float64() const override { return false; }
 
     [[nodiscard]] std::uint64_t triangles() const { return indices_.size() / 3; }
-    /// World units: how far rounding to the steps moves a position at most.
+    /// Maximum distance in world units that rounding moves a position.
     [[nodiscard]] double position_rounding() const;
-    /// The same of a mesh that fills a box of these lengths.
+    /// The same for a mesh that fills a box with these lengths.
     static double rounding_of(const std::array<double, 3>& extent);
-    /// Gives each vertex the mean of the normals of its triangles, weighed by their areas. After
-    /// end(), of a mesh that came without.
+    /// Gives each vertex the area-weighted mean of the normals of its triangles. Call it after
+    /// end(), for a mesh without normals.
     void make_normals();
-    /// The whole message: `header` and what is known here. The mesh is gone then.
+    /// The whole message: `header`, completed with what is known here. The mesh is released.
     [[nodiscard]] std::string finish(nlohmann::ordered_json header);
 
   private:
@@ -55,7 +56,7 @@ class MeshMessage : public MeshSink {
     using Normal = std::array<std::int8_t, 4>;
     void round_values(nlohmann::ordered_json& header);
 
-    std::uint64_t most_;
+    std::uint64_t max_;
     MeshLayout layout_;
     std::array<double, 3> origin_{};
     std::array<double, 3> step_{};

@@ -7,23 +7,140 @@
 
 #include <isonest/error.h>
 
+#include "tools/cli/options/units.h"
+
 namespace isonest::detail::view {
+
+// Query strings as in the URL standard's application/x-www-form-urlencoded.
+
 namespace {
 
-constexpr double kMost = std::numeric_limits<double>::max();
-constexpr std::int64_t kLeastTriangles = 100;
-constexpr std::int64_t kMostTriangles = 100'000'000;
+constexpr std::size_t kMaxParameters = 32;
+
+int hex_digit(char c) {
+    if (c >= '0' && c <= '9') {
+        return c - '0';
+    }
+    const char lower = static_cast<char>(static_cast<unsigned char>(c) | 0x20U);
+    return lower >= 'a' && lower <= 'f' ? lower - 'a' + 10 : -1;
+}
+
+std::string decoded(std::string_view text) {
+    std::string out;
+    for (std::size_t i = 0; i < text.size(); ++i) {
+        if (text[i] == '+') {
+            out += ' ';
+        } else if (text[i] == '%') {
+            const int high = i + 2 < text.size() ? hex_digit(text[i + 1]) : -1;
+            const int low = i + 2 < text.size() ? hex_digit(text[i + 2]) : -1;
+            if (high < 0 || low < 0) {
+                fail("the request has a % without two hexadecimal digits");
+            }
+            out += static_cast<char>(high * 16 + low);
+            i += 2;
+        } else {
+            out += text[i];
+        }
+    }
+    return out;
+}
+
+}  // namespace
+
+[[noreturn]] void fail(const std::string& problem) {
+    throw Error(ErrorKind::invalid_argument, problem);
+}
+
+RequestTarget::RequestTarget(std::string_view target) {
+    const std::size_t end = target.find('?');
+    path_ = decoded(target.substr(0, end));
+    std::string_view rest = end == std::string_view::npos ? "" : target.substr(end + 1);
+    while (!rest.empty()) {
+        const std::size_t next = rest.find('&');
+        const std::string_view one = rest.substr(0, next);
+        rest = next == std::string_view::npos ? "" : rest.substr(next + 1);
+        if (one.empty()) {
+            continue;
+        }
+        const std::size_t equals = one.find('=');
+        const std::string name = decoded(one.substr(0, equals));
+        const std::string value =
+            equals == std::string_view::npos ? "" : decoded(one.substr(equals + 1));
+        if (!parameters_.emplace(name, value).second) {
+            fail(fmt::format("the parameter {} is there twice", name));
+        }
+        if (parameters_.size() > kMaxParameters) {
+            fail("the request has too many parameters");
+        }
+    }
+}
+
+bool RequestTarget::has(const std::string& name) const {
+    return parameters_.contains(name);
+}
+
+std::optional<std::string> RequestTarget::text(const std::string& name) {
+    const auto found = parameters_.find(name);
+    if (found == parameters_.end()) {
+        return std::nullopt;
+    }
+    std::string value = std::move(found->second);
+    parameters_.erase(found);
+    return value;
+}
+
+std::optional<double> RequestTarget::number(const std::string& name, double lowest,
+                                            double highest) {
+    const std::optional<std::string> value = text(name);
+    if (!value) {
+        return std::nullopt;
+    }
+    const double number = cli::parse_number(name, *value);
+    if (!(lowest <= number && number <= highest)) {
+        fail(highest == std::numeric_limits<double>::max()
+                 ? fmt::format("{} '{}': give a number of at least {:g}", name, *value, lowest)
+                 : fmt::format("{} '{}': give a number from {:g} to {:g}", name, *value, lowest,
+                               highest));
+    }
+    return number;
+}
+
+std::optional<std::int64_t> RequestTarget::integer(const std::string& name, std::int64_t lowest,
+                                                   std::int64_t highest) {
+    const std::optional<std::string> value = text(name);
+    return value ? std::optional(cli::parse_integer(name, *value, lowest, highest)) : std::nullopt;
+}
+
+std::optional<std::vector<double>> RequestTarget::numbers(const std::string& name,
+                                                          std::size_t count,
+                                                          std::string_view form) {
+    const std::optional<std::string> value = text(name);
+    return value ? std::optional(cli::parse_numbers(name, *value, count, form)) : std::nullopt;
+}
+
+void RequestTarget::require_all_taken() const {
+    if (!parameters_.empty()) {
+        fail(
+            fmt::format("the parameter {} is not known for {}", parameters_.begin()->first, path_));
+    }
+}
+
+namespace {
+
+constexpr double kMax = std::numeric_limits<double>::max();
+constexpr std::int64_t kMinTriangles = 100;
+constexpr std::int64_t kMaxTriangles = 100'000'000;
 
 std::optional<Camera> parse_camera(RequestTarget& target) {
     const auto v = target.numbers("camera", 6, "x,y,z,fov,height,pixels");
     if (!v) {
         return std::nullopt;
     }
-    constexpr double kMostHeight = 100'000;
+    constexpr double kMaxHeight = 100'000;
     const double fov = (*v)[3];
     const double height = (*v)[4];
     const double pixels = (*v)[5];
-    if (!(fov > 0 && fov < 180) || !(height >= 1 && height <= kMostHeight) || !(pixels > 0)) {
+    if (!(fov > 0 && fov < 180) || !(height >= 1 && height <= kMaxHeight) || !(pixels > 0)) {
         fail(
             "camera: the angle lies between 0 and 180 degrees, the height between 1 and 100000 "
             "pixels, and pixels above 0");
@@ -52,7 +169,7 @@ std::variant<double, LabelChoice, WorldPlane> parse_what(RequestTarget& target, 
                                           std::numeric_limits<std::int64_t>::max())) {
         return LabelChoice{*label, {}};
     }
-    const auto iso = target.number("iso", -kMost, kMost);
+    const auto iso = target.number("iso", -kMax, kMax);
     if (!iso) {
         fail(are_labels ? "label is missing" : "iso is missing");
     }
@@ -69,9 +186,9 @@ Effort parse_effort(RequestTarget& target) {
 
 std::variant<AtMostTriangles, ErrorBound, DistanceBound> parse_stop(RequestTarget& target,
                                                                     bool is_slice) {
-    const auto triangles = target.integer("triangles", kLeastTriangles, kMostTriangles);
-    const auto error = target.number("error", 0, kMost);
-    const auto distance = is_slice ? std::nullopt : target.number("distance", 0, kMost);
+    const auto triangles = target.integer("triangles", kMinTriangles, kMaxTriangles);
+    const auto error = target.number("error", 0, kMax);
+    const auto distance = is_slice ? std::nullopt : target.number("distance", 0, kMax);
     if (int{triangles.has_value()} + int{error.has_value()} + int{distance.has_value()} > 1) {
         fail(is_slice ? "give one of triangles and error"
                       : "give one of triangles, error and distance");
@@ -80,12 +197,12 @@ std::variant<AtMostTriangles, ErrorBound, DistanceBound> parse_stop(RequestTarge
         return AtMostTriangles{static_cast<std::uint64_t>(*triangles)};
     }
     if (distance) {
-        return DistanceBound{*distance, false, parse_effort(target)};
+        return DistanceBound{*distance};
     }
     return ErrorBound{error.value_or(0)};
 }
 
-/// For a POSIX shell.
+/// Quotes a text for a POSIX shell.
 std::string quoted(const std::string& text) {
     constexpr std::string_view kPlain =
         "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./,:+=@%";
@@ -105,9 +222,12 @@ MeshRequest parse_mesh_request(RequestTarget& target, bool is_slice, bool are_la
     MeshRequest request;
     request.what = parse_what(target, is_slice, are_labels);
     request.stop = parse_stop(target, is_slice);
+    if (std::holds_alternative<DistanceBound>(request.stop)) {
+        request.effort = parse_effort(target);
+    }
     request.camera = parse_camera(target);
     request.box = parse_box(target);
-    if (const auto limit = target.integer("limit", kLeastTriangles, kMostTriangles)) {
+    if (const auto limit = target.integer("limit", kMinTriangles, kMaxTriangles)) {
         request.limit = static_cast<std::uint64_t>(*limit);
     }
     if (const auto components = is_slice ? std::nullopt : target.text("components")) {
@@ -117,7 +237,7 @@ MeshRequest parse_mesh_request(RequestTarget& target, bool is_slice, bool are_la
         request.largest_component = *components == "largest";
     }
     if (const auto passes =
-            is_slice ? std::nullopt : target.integer("smooth", 0, LabelSmoothing::kMostPasses)) {
+            is_slice ? std::nullopt : target.integer("smooth", 0, LabelSmoothing::kMaxPasses)) {
         if (!std::holds_alternative<LabelChoice>(request.what)) {
             fail("smooth goes with a label");
         }
@@ -138,6 +258,8 @@ SurfaceQuery surface_query(const MeshRequest& request, const SurfaceStop& stop) 
         query.iso = *iso;
     }
     query.stop = stop;
+    // An error changes with every move of a slider, and the nested grid is available at once.
+    query.effort = std::holds_alternative<DistanceBound>(stop) ? request.effort : Effort::none;
     query.camera = request.camera;
     query.box = request.box;
     if (request.largest_component) {
@@ -190,10 +312,11 @@ std::string command_line(const MeshRequest& request, const Store& store,
     }
     if (const auto* const error = std::get_if<ErrorBound>(&request.stop);
         error != nullptr && error->value > 0) {
-        line += fmt::format(" --error {}", error->value);
+        line +=
+            fmt::format(" --error {}{}", error->value, request.is_slice() ? "" : " --effort none");
     } else if (const auto* const distance = std::get_if<DistanceBound>(&request.stop)) {
         line += fmt::format(" --distance {}{}", distance->value,
-                            distance->effort == Effort::fast ? " --effort fast" : "");
+                            request.effort == Effort::fast ? " --effort fast" : "");
     }
     if (const std::optional<Camera>& c = request.camera) {
         line += fmt::format(" --camera={} --fov {} --height {} --pixels {}",
@@ -209,7 +332,7 @@ std::string command_line(const MeshRequest& request, const Store& store,
     if (request.smooth) {
         line += fmt::format(" --smooth={}", request.smooth->passes);
     } else if (!request.is_slice()) {
-        line += " --normals";  // as the meshes of the page have
+        line += " --normals";  // like the page's meshes
     }
     return line + " -o " + quoted(output);
 }

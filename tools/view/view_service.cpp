@@ -1,30 +1,227 @@
 #include "tools/view/view_service.h"
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <malloc.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <array>
+#include <atomic>
 #include <cctype>
+#include <cerrno>
+#include <climits>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
 #include <limits>
+#include <memory>
 #include <nlohmann/json.hpp>
+#include <string>
+#include <system_error>
 #include <utility>
+#include <variant>
 
 #include <isonest/error.h>
 #include <isonest/mesh_file.h>
 
 #include "store/files/scratch_file.h"
-#include "tools/view/answers/answers.h"
+#include "tools/view/mesh_answers.h"
 #include "tools/view/mesh_message.h"
 #include "tools/view/page_files.h"
+#include "tools/view/store_answers.h"
 
 namespace isonest::detail::view {
 namespace {
 
+struct Listed {
+    std::atomic<bool> is_set{false};
+    std::array<char, PATH_MAX> name{};
+};
+
+/// One per connection, and some whose connection is closed.
+constexpr std::size_t kMaxListed = 192;
+std::array<Listed, kMaxListed> folders;
+
+/// The layout that getdents64 writes.
+struct Entry {
+    std::uint64_t inode;
+    std::int64_t offset;
+    std::uint16_t length;
+    std::uint8_t type;
+    char name[1];
+};
+
+void remove_files_in(int folder) {
+    constexpr std::size_t kBytes = 4096;
+    alignas(Entry) std::array<char, kBytes> entries{};
+    for (;;) {
+        const long got = ::syscall(SYS_getdents64, folder, entries.data(), entries.size());
+        if (got <= 0) {
+            return;
+        }
+        for (std::size_t at = 0; at < static_cast<std::size_t>(got);) {
+            const auto* const entry = reinterpret_cast<const Entry*>(entries.data() + at);
+            at += entry->length;
+            ::unlinkat(folder, static_cast<const char*>(entry->name), 0);
+        }
+    }
+}
+
+}  // namespace
+
+void list_folder(const std::filesystem::path& folder) {
+    const std::string name = std::filesystem::absolute(folder).string();
+    if (name.size() >= PATH_MAX) {
+        return;
+    }
+    for (Listed& one : folders) {
+        std::error_code ignored;
+        if (one.is_set.load() && std::filesystem::exists(one.name.data(), ignored)) {
+            continue;
+        }
+        one.is_set.store(false);
+        std::memcpy(one.name.data(), name.c_str(), name.size() + 1);
+        one.is_set.store(true);
+        return;
+    }
+}
+
+void remove_listed_folders() {
+    for (const Listed& one : folders) {
+        // Another thread may create a file while this one removes them.
+        for (int tries = 0; tries < 3 && one.is_set.load(); ++tries) {
+            const int folder =
+                ::open(one.name.data(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+            if (folder < 0) {
+                break;
+            }
+            remove_files_in(folder);
+            ::close(folder);
+            if (::rmdir(one.name.data()) == 0) {
+                break;
+            }
+        }
+    }
+}
+
+StoreWatch::StoreWatch(const Store& store) {
+    if (store.is_remote()) {
+        return;
+    }
+    path_ = std::filesystem::absolute(store.path());
+    if (::stat(path_.c_str(), &opened_) != 0) {
+        throw Error(ErrorKind::not_found, {store.path().string()}, "no such file");
+    }
+}
+
+StoreState StoreWatch::state() const {
+    if (path_.empty()) {
+        return StoreState::same;
+    }
+    struct stat now {};
+    if (::stat(path_.c_str(), &now) != 0 || now.st_dev != opened_.st_dev ||
+        now.st_ino != opened_.st_ino) {
+        return StoreState::replaced;
+    }
+    if (now.st_size < opened_.st_size) {
+        return StoreState::cut_off;
+    }
+    const bool written = now.st_size != opened_.st_size ||
+                         now.st_mtim.tv_sec != opened_.st_mtim.tv_sec ||
+                         now.st_mtim.tv_nsec != opened_.st_mtim.tv_nsec;
+    return written ? StoreState::replaced : StoreState::same;
+}
+
+const char* name_of(StoreState state) {
+    switch (state) {
+        case StoreState::same:
+            return "ok";
+        case StoreState::replaced:
+            return "replaced";
+        case StoreState::cut_off:
+            return "cut off";
+    }
+    return "";
+}
+
+void Streams::require_name(const std::string& name) {
+    constexpr std::size_t kMaxLetters = 64;
+    const bool good = std::all_of(name.begin(), name.end(), [](unsigned char c) {
+        return std::isalnum(c) != 0 || c == '-' || c == '_';
+    });
+    if (name.empty() || name.size() > kMaxLetters || !good) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("stream '{}': give 1 to {} letters, digits, - or _",
+                                name.substr(0, kMaxLetters), kMaxLetters));
+    }
+}
+
+void Streams::replace(const std::string& name, const std::shared_ptr<Job>& job) {
+    std::erase_if(jobs_, [](const auto& entry) { return entry.second.expired(); });
+    cancel(name);
+    jobs_[name] = job;
+}
+
+void Streams::cancel(const std::string& name) {
+    const auto found = jobs_.find(name);
+    if (found == jobs_.end()) {
+        return;
+    }
+    if (const std::shared_ptr<Job> job = found->second.lock()) {
+        job->cancel();
+    }
+    jobs_.erase(found);
+}
+
+// Meshes as files: only a page with a server gets them.
+
+namespace {
+
+/// Creates a folder below `scratch`.
+std::filesystem::path new_folder(const std::filesystem::path& scratch) {
+    std::string name = (scratch / "isonest-view-XXXXXX").string();
+    if (::mkdtemp(name.data()) == nullptr) {
+        throw Error(
+            ErrorKind::io, {scratch.string()},
+            fmt::format("cannot make a folder: {}", std::generic_category().message(errno)));
+    }
+    return name;
+}
+
+}  // namespace
+
+HttpAnswer MeshAnswers::file(const MeshRequest& request, const std::string& ending,
+                             const std::filesystem::path& scratch, Progress& progress) {
+    if (std::holds_alternative<AtMostTriangles>(request.stop)) {
+        throw Error(ErrorKind::invalid_argument,
+                    "a file is made for an error, a camera or a distance, not for a number of "
+                    "triangles");
+    }
+    const std::string name = (request.is_slice() ? "slice." : "surface.") + ending;
+    const std::filesystem::path folder = new_folder(scratch);
+    SentFile file(folder, folder / name);
+    list_folder(folder);
+    const auto* const choice = std::get_if<LabelChoice>(&request.what);
+    const LabelName label =
+        choice != nullptr ? store_.label_name(choice->id).value_or(LabelName{}) : LabelName{};
+    const std::unique_ptr<MeshSink> sink =
+        open_mesh_file(file.path(), {.title = label.name, .color = label.color});
+    extract_to(*sink, request, 0, progress);
+    return {200, "application/octet-stream", std::move(file), name};
+}
+
+namespace {
+
 using Json = nlohmann::ordered_json;
 
-constexpr std::size_t kMostWaiting = 16;
+constexpr std::size_t kMaxWaiting = 16;
 
-/// Of a file's name, letters and digits alone: it leads into no other folder and ends no header.
+/// The file name extension: only letters and digits, so that it cannot lead into another folder or
+/// end a header.
 std::string take_ending(RequestTarget& target) {
     std::string ending = target.text("format").value_or("ply");
     if (!std::all_of(ending.begin(), ending.end(),
@@ -53,10 +250,10 @@ ViewService::ViewService(const Store& store, const MemoryShares& shares, int thr
               range_of(store)),
       files_(store, {shares.file, std::numeric_limits<std::uint64_t>::max(), threads},
              range_of(store)),
-      surface_lane_(kMostWaiting),
-      slice_lane_(kMostWaiting),
-      file_lane_(kMostWaiting),
-      small_lane_(kMostWaiting) {}
+      surface_lane_(kMaxWaiting),
+      slice_lane_(kMaxWaiting),
+      file_lane_(kMaxWaiting),
+      small_lane_(kMaxWaiting) {}
 
 std::shared_ptr<Waiting> ViewService::handle(const HttpRequest& request, Reply reply) {
     std::shared_ptr<Waiting> waiting;
@@ -238,7 +435,7 @@ HttpAnswer ViewService::command(RequestTarget& target) const {
                     "triangles");
     }
     const std::string file = (request.is_slice() ? "slice." : "surface.") + ending;
-    open_mesh_file(file);  // throws for the end of a name that no format has, and makes no file
+    open_mesh_file(file);  // throws if no format has this extension, and creates no file
     return json_answer({{"command", command_line(request, store_, file)}});
 }
 

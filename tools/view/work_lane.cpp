@@ -5,7 +5,7 @@
 #include <chrono>
 #include <utility>
 
-#include "store/base/started_thread.h"
+#include "store/base/workers.h"
 
 namespace isonest::detail::view {
 
@@ -13,15 +13,15 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-// The allocator keeps what was freed for the next piece of work. A server lasts: it returns that
-// memory when nobody asks, and while it is busy, from time to time.
+// The allocator keeps freed memory for later work. A server runs for long, so it returns that
+// memory when it is idle, and from time to time while it is busy.
 constexpr auto kPause = std::chrono::seconds(2);
 constexpr auto kKeptFor = std::chrono::seconds(10);
 
 }  // namespace
 
-WorkLane::WorkLane(std::size_t most_waiting)
-    : most_waiting_(most_waiting), thread_(started_thread({}, [this] { run(); })) {}
+WorkLane::WorkLane(std::size_t max_waiting)
+    : max_waiting_(max_waiting), thread_(started_thread({}, [this] { run(); })) {}
 
 WorkLane::~WorkLane() {
     {
@@ -41,7 +41,7 @@ WorkLane::~WorkLane() {
 bool WorkLane::add(std::shared_ptr<Job> job, std::function<void(Job&)> work) {
     {
         const std::lock_guard lock(mutex_);
-        if (ended_ || entries_.size() >= most_waiting_) {
+        if (ended_ || entries_.size() >= max_waiting_) {
             return false;
         }
         entries_.push_back({std::move(job), std::move(work)});

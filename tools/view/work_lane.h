@@ -1,5 +1,5 @@
-// Work in a thread of its own, one piece after the other, each of which can be cancelled. What it
-// freed is returned to the system when it has paused.
+// Work on its own thread, one job after the other; each can be cancelled. Freed memory is returned
+// to the system when the thread becomes idle.
 #pragma once
 
 #include <atomic>
@@ -18,7 +18,7 @@
 
 namespace isonest::detail::view {
 
-/// A piece of work and what it is told to do: all long work asks whether it is cancelled.
+/// A job and its cancellation flag, which all long work checks.
 class Job : public Progress, public Waiting {
   public:
     void cancel() override { cancelled_ = true; }
@@ -31,14 +31,14 @@ class Job : public Progress, public Waiting {
 /// Thread-safe.
 class WorkLane {
   public:
-    explicit WorkLane(std::size_t most_waiting);
+    explicit WorkLane(std::size_t max_waiting);
     WorkLane(const WorkLane&) = delete;
     WorkLane& operator=(const WorkLane&) = delete;
-    /// Cancels everything and waits for what is under way; each `work` has been called then.
+    /// Cancels everything and waits for the current job; by then, every `work` has been called.
     ~WorkLane();
 
-    /// `work` is called once with the job, also if that was cancelled while it waited; it must not
-    /// throw. False, and nothing happens, if too many wait already.
+    /// `work` is called once with the job, even if it was cancelled while it waited; it must not
+    /// throw. Returns false and does nothing if too many jobs are waiting.
     bool add(std::shared_ptr<Job> job, std::function<void(Job&)> work);
     [[nodiscard]] std::size_t waiting() const;
     [[nodiscard]] bool busy() const { return busy_; }
@@ -50,7 +50,7 @@ class WorkLane {
         std::shared_ptr<Job> job;
         std::function<void(Job&)> work;
     };
-    const std::size_t most_waiting_;
+    const std::size_t max_waiting_;
     mutable std::mutex mutex_;
     std::condition_variable changed_;
     std::deque<Entry> entries_;

@@ -1,5 +1,5 @@
-// The functions of isonest.wasm, and what it asks of the worker that calls them. Sizes and offsets
-// are numbers of JavaScript, exact up to 2^53.
+// The functions of isonest.wasm, and the function of the calling worker that it needs. Sizes and
+// offsets are JavaScript numbers, exact up to 2^53.
 #include <emscripten.h>
 
 #include <cmath>
@@ -18,8 +18,9 @@
 #include "tools/web/page_queries.h"
 #include "tools/web/web_bytes.h"
 
-// The worker's function `fetchNow(offset, size)` gives a Uint8Array of `size` bytes or a text that
-// says what went wrong. Returned: malloc'ed bytes, or, with *is_text = 1, text that ends in 0.
+// The worker's function `fetchNow(offset, size)` returns a Uint8Array of `size` bytes, or a text
+// that says what went wrong. Returned here: malloc'ed bytes or, with *is_text = 1, zero-terminated
+// text.
 // clang-format off
 EM_JS(char*, isonest_fetch_now, (double offset, double size, int* is_text), {
     const got = Module["fetchNow"](offset, size);
@@ -37,7 +38,7 @@ EM_JS(char*, isonest_fetch_now, (double offset, double size, int* is_text), {
 namespace isonest::detail::web {
 namespace {
 
-/// Sixteenths of the memory that are for bytes that were fetched: see MemoryShares.
+/// Sixteenths of the memory for fetched bytes: see MemoryShares.
 constexpr std::uint64_t kFetched = 3;
 
 struct State {
@@ -101,7 +102,8 @@ using namespace isonest::detail::web;
 
 extern "C" {
 
-/// Once: the object's URL (without query), its bytes, and all that the page may use.
+/// Called once: the object's URL (without query), its size in bytes, and the memory budget of the
+/// page.
 EMSCRIPTEN_KEEPALIVE void isonest_begin(const char* url, double size, double memory) {
     const auto most = static_cast<std::uint64_t>(memory);
     auto bytes = std::make_shared<WebBytes>(url, static_cast<std::uint64_t>(size),
@@ -109,19 +111,20 @@ EMSCRIPTEN_KEEPALIVE void isonest_begin(const char* url, double size, double mem
     state().queries = std::make_unique<PageQueries>(std::move(bytes), url, most);
 }
 
-/// Milliseconds until a small answer is there.
+/// Milliseconds from a small request to its answer.
 EMSCRIPTEN_KEEPALIVE void isonest_round_trip(double milliseconds) {
     state().times.round_trip = milliseconds;
 }
 
-/// Bytes of the object from `offset` on, which begin with a block of WebBytes::kBlock.
+/// Provides bytes of the object from `offset`, which is at the start of a block of
+/// WebBytes::kBlock.
 EMSCRIPTEN_KEEPALIVE void isonest_put(double offset, const char* bytes, std::size_t size) {
     state().queries->bytes().put(static_cast<std::uint64_t>(offset),
                                  {reinterpret_cast<const std::byte*>(bytes), size});
 }
 
-/// 0: answered; 1: bytes are needed, and then the same again. `may_unwind`: 0 if it has to go on to
-/// its end.
+/// Returns 0 if answered; 1 if bytes are needed, and then this must be called again. `may_unwind`:
+/// 0 if it must run to its end.
 EMSCRIPTEN_KEEPALIVE int isonest_open(int may_unwind) {
     begin_run(may_unwind != 0);
     return outcome_of(state().queries->open());
@@ -153,7 +156,7 @@ EMSCRIPTEN_KEEPALIVE const char* isonest_answer_body() {
 EMSCRIPTEN_KEEPALIVE std::size_t isonest_answer_size() {
     return state().answer.heap();
 }
-/// The body is not looked at any more.
+/// The body is no longer used.
 EMSCRIPTEN_KEEPALIVE void isonest_answer_done() {
     state().answer = {};
 }

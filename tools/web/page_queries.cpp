@@ -10,10 +10,10 @@
 #include <isonest/error.h>
 #include <isonest/progress.h>
 
-#include "tools/view/answers/answers.h"
 #include "tools/view/mesh_message.h"
-#include "tools/view/request_target.h"
-#include "tools/web/open_web.h"
+#include "tools/view/mesh_request.h"
+#include "tools/view/store_answers.h"
+#include "tools/web/web_bytes.h"
 
 namespace isonest::detail::web {
 

@@ -1,4 +1,4 @@
-// What a page's worker calls: one store, one request after the other.
+// The interface for a page's worker: one store, one request after the other.
 #pragma once
 
 #include <cstdint>
@@ -11,29 +11,29 @@
 
 #include <isonest/store.h>
 
-#include "tools/view/answers/store_answers.h"
 #include "tools/view/http_messages.h"
 #include "tools/view/mesh_answers.h"
+#include "tools/view/store_answers.h"
 #include "tools/web/web_bytes.h"
 
 namespace isonest::detail::web {
 
-/// The answer, or nothing: then WebBytes::needed() is to be put there, and the same is to be asked
-/// again.
+/// The answer; or none: then the bytes of WebBytes::needed() must be provided and the same request
+/// repeated.
 using Answered = std::optional<view::HttpAnswer>;
 
 /// Not thread-safe.
 class PageQueries {
   public:
-    /// `name`: the URL, for messages; `bytes`: of the object; `memory`: all that the page may use,
-    /// of which the queries get what `isonest view --memory` would give them.
+    /// `name`: the URL, for messages; `bytes`: of the object; `memory`: the memory budget of the
+    /// page, of which the queries get the shares that `isonest view --memory` would give them.
     PageQueries(std::shared_ptr<WebBytes> bytes, std::string name, std::uint64_t memory);
 
-    /// Opens the store. 200 and no body if it is open; an error else.
+    /// Opens the store. Answers 200 without a body if that succeeds, otherwise an error.
     Answered open();
     /// `target`: as in PROTOCOL.md, "/api/surface?iso=1". REQUIRES: open() has answered 200.
     Answered ask(const std::string& target);
-    /// Before each open() and ask(), also when the same is asked again.
+    /// Must be called before each open() and ask(), also when the same request is repeated.
     void begin_run(bool may_unwind, const WebTimes& times) { bytes_->begin_run(may_unwind, times); }
     [[nodiscard]] WebBytes& bytes() { return *bytes_; }
 
@@ -46,7 +46,7 @@ class PageQueries {
         view::MeshAnswers surfaces;
         view::MeshAnswers slices;
     };
-    /// Throws Error{limit} where the memory is not enough.
+    /// Throws Error{limit} if the memory is not sufficient.
     view::HttpAnswer answer_within_memory(const std::string& target);
     view::HttpAnswer answer(const std::string& target);
     [[nodiscard]] view::HttpAnswer status() const;

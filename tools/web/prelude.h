@@ -1,4 +1,4 @@
-// What C++20 has and the standard library of Debian's emscripten has not; included before every
+// The parts of C++20 that the standard library of Debian's emscripten lacks; included before every
 // source.
 #pragma once
 
@@ -41,7 +41,7 @@ requires is_unbounded_array_v<T> unique_ptr<T> make_unique_for_overwrite(size_t 
 #ifndef __cpp_lib_to_chars
 namespace std {
 
-/// A decimal number at the beginning of a text; strtod() rounds as correctly, but takes more.
+/// Parses a decimal number at the start of a text. strtod() rounds as correctly, but accepts more.
 inline from_chars_result from_chars(const char* first, const char* last, double& value) {
     const auto skip_digits = [last](const char* at) {
         while (at != last && *at >= '0' && *at <= '9') {

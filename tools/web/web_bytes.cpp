@@ -4,16 +4,19 @@
 
 #include <algorithm>
 #include <cstring>
+#include <string>
 #include <utility>
 
 #include <isonest/error.h>
 
+#include "store/remote/open_location.h"
+
 namespace isonest::detail::web {
 namespace {
 
-/// Blocks that nobody asked for between two that somebody did: fetched with them.
-constexpr std::uint64_t kMostGap = 2;
-/// Bytes of one request.
+/// Unrequested blocks between two requested ones that are fetched with them.
+constexpr std::uint64_t kMaxGap = 2;
+/// Maximum of bytes in one request.
 constexpr std::uint64_t kLargest = std::uint64_t{1} << 20U;
 
 }  // namespace
@@ -21,7 +24,7 @@ constexpr std::uint64_t kLargest = std::uint64_t{1} << 20U;
 WebBytes::WebBytes(std::string name, std::uint64_t size, std::uint64_t budget, FetchNow fetch_now)
     : name_(std::move(name)),
       size_(size),
-      most_blocks_(static_cast<std::size_t>(
+      max_blocks_(static_cast<std::size_t>(
           std::max<std::uint64_t>(std::min(budget, size + kBlock) / kBlock, 8))),
       fetch_now_(std::move(fetch_now)) {}
 
@@ -44,7 +47,7 @@ void WebBytes::keep(std::uint64_t number, const std::byte* bytes) const {
         return;
     }
     std::unique_ptr<std::byte[]> room;
-    if (blocks_.size() >= most_blocks_) {
+    if (blocks_.size() >= max_blocks_) {
         const auto oldest = blocks_.find(order_.front());
         room = std::move(oldest->second.bytes);
         blocks_.erase(oldest);
@@ -81,7 +84,7 @@ void WebBytes::note(const ByteRange& range) const {
 void WebBytes::want(std::span<const ByteRange> ranges) const {
     for (const ByteRange& range : ranges) {
         if (range.size > 0 && lies_within(range.offset, range.size, size_) &&
-            noted_.size() < most_blocks_ / 2) {
+            noted_.size() < max_blocks_ / 2) {
             note(range);
         }
     }
@@ -108,12 +111,12 @@ std::vector<ByteRange> WebBytes::needed() const {
     std::vector<std::uint64_t> numbers(noted_.begin(), noted_.end());
     std::sort(numbers.begin(), numbers.end());
     const std::uint64_t largest =
-        std::min<std::uint64_t>(kLargest, std::max<std::uint64_t>(most_blocks_ / 4, 1) * kBlock);
+        std::min<std::uint64_t>(kLargest, std::max<std::uint64_t>(max_blocks_ / 4, 1) * kBlock);
     std::vector<ByteRange> ranges;
     std::uint64_t next = 0;
     for (const std::uint64_t number : numbers) {
         const std::uint64_t end = number * kBlock + bytes_of_block(number);
-        if (!ranges.empty() && number <= next + kMostGap && end - ranges.back().offset <= largest) {
+        if (!ranges.empty() && number <= next + kMaxGap && end - ranges.back().offset <= largest) {
             ranges.back().size = end - ranges.back().offset;
         } else {
             ranges.push_back({number * kBlock, bytes_of_block(number)});
@@ -124,7 +127,7 @@ std::vector<ByteRange> WebBytes::needed() const {
 }
 
 HeldBytes WebBytes::read(std::uint64_t offset, std::uint64_t size) const {
-    if (size / kBlock + 2 > most_blocks_) {
+    if (size / kBlock + 2 > max_blocks_) {
         throw Error(ErrorKind::limit, {name_},
                     fmt::format("{} bytes of it are needed in one piece, more than the memory for "
                                 "what is fetched",
@@ -141,7 +144,7 @@ HeldBytes WebBytes::read(std::uint64_t offset, std::uint64_t size) const {
     if (!is_there) {
         note({offset, size});
         const auto requests = static_cast<double>(needed().size());
-        const bool fits = 4 * (of_run_.size() + noted_.size()) <= 3 * most_blocks_;
+        const bool fits = 4 * (of_run_.size() + noted_.size()) <= 3 * max_blocks_;
         if (may_unwind_ && fits && times_.of_run() < (requests - 1) * times_.round_trip) {
             throw BytesAreMissing();
         }
@@ -176,3 +179,40 @@ const std::byte* WebBytes::fetch_block(std::uint64_t number) const {
 }
 
 }  // namespace isonest::detail::web
+
+namespace isonest::detail {
+namespace web {
+
+// In a page, a location is a URL that the page's worker reads.
+
+namespace {
+
+std::shared_ptr<WebBytes>& current() {
+    static std::shared_ptr<WebBytes> bytes;
+    return bytes;
+}
+
+}  // namespace
+
+void set_web_bytes(std::shared_ptr<WebBytes> bytes) {
+    current() = std::move(bytes);
+}
+
+}  // namespace web
+
+std::shared_ptr<const StoreBytes> open_location(const std::filesystem::path& /*location*/,
+                                                const RemoteAccess& /*remote*/,
+                                                const std::shared_ptr<const DiskCache>& /*cache*/) {
+    return web::current();
+}
+
+std::shared_ptr<const DiskCache> open_cache(const std::filesystem::path& /*location*/,
+                                            const RemoteAccess& /*remote*/) {
+    return nullptr;
+}
+
+std::string cache_warning(const DiskCache* /*cache*/) {
+    return {};
+}
+
+}  // namespace isonest::detail

@@ -1,4 +1,4 @@
-// The bytes of a store that a page's worker fetches for the queries that it runs.
+// The bytes of a store that a page's worker fetches for its queries.
 #pragma once
 
 #include <cstddef>
@@ -16,51 +16,52 @@
 
 namespace isonest::detail::web {
 
-/// Unwinds a query that cannot go on before WebBytes::needed() has been put there. No
-/// std::exception: nobody takes it for an error of the query.
+/// Thrown to unwind a query that cannot continue before the bytes of WebBytes::needed() are
+/// provided. Not a std::exception, so that no handler treats it as an error of the query.
 struct BytesAreMissing {};
 
-/// How the bytes come. Both in milliseconds.
+/// How long fetching takes. Both in milliseconds.
 struct WebTimes {
-    /// Of this run of a query, until now.
+    /// Time since the start of this run of a query.
     std::function<double()> of_run;
-    /// Of a small request, until its answer is there.
+    /// Time from a small request to its answer.
     double round_trip = 50;
 };
 
-/// Blocks of kBlock bytes within a budget. What read() does not find is either fetched at once, by
-/// one request after the other, while the query waits; or the query is unwound (BytesAreMissing),
-/// all that it has announced and asked for is fetched together, and it runs anew. It is unwound
-/// where that costs less: where the requests that it spares take longer than what the query has
-/// done until then. What does not fit into the budget is never waited for in that way, so every
-/// query ends. Not thread-safe: a worker has one thread.
+/// Caches blocks of kBlock bytes within a budget. There are two ways to get what read() does not
+/// find. Either it is fetched at once, one request after the other, while the query waits. Or the
+/// query is unwound (BytesAreMissing), everything it has prefetched and requested is fetched
+/// together, and the query runs again. It is unwound if that is cheaper: if the requests it saves
+/// take longer than the query has run so far. Bytes that do not fit into the budget are never
+/// waited for by unwinding, so every query ends. Not thread-safe: a worker has one thread.
 class WebBytes : public StoreBytes {
   public:
     static constexpr std::size_t kBlock = std::size_t{8} << 10U;
 
-    /// The bytes of a range at once; throws Error{io, corrupt}.
+    /// Fetches the bytes of a range at once; throws Error{io, corrupt}.
     using FetchNow = std::function<std::vector<std::byte>(const ByteRange& range)>;
 
-    /// `budget`: of bytes held, at least 1 MiB.
+    /// `budget`: maximum number of bytes held, at least 1 MiB.
     WebBytes(std::string name, std::uint64_t size, std::uint64_t budget, FetchNow fetch_now);
 
     [[nodiscard]] const std::string& name() const override { return name_; }
     [[nodiscard]] std::uint64_t size() const override { return size_; }
-    [[nodiscard]] bool is_far() const override { return true; }
+    [[nodiscard]] bool is_remote() const override { return true; }
     /// Throws BytesAreMissing, Error{io, corrupt}, and Error{limit} beyond the budget.
     [[nodiscard]] HeldBytes read(std::uint64_t offset, std::uint64_t size) const override;
     void want(std::span<const ByteRange> ranges) const override;
     void forget(const ByteRange& range) const override;
     [[nodiscard]] FetchedCounts fetched() const override { return counts_; }
 
-    /// Another request, or the same again. `may_unwind`: false if it has to go on to its end.
+    /// Starts another request, or the same one again. `may_unwind`: false if it must run to its
+    /// end.
     void begin_run(bool may_unwind, const WebTimes& times);
-    /// After BytesAreMissing: what is to be put there, by offset, joined into few ranges.
+    /// After BytesAreMissing: the ranges to provide, by offset, joined into few ranges.
     [[nodiscard]] std::vector<ByteRange> needed() const;
-    /// The bytes of a range of needed(), or of any other that begins with a block; a part of a
-    /// block at its end is kept only where the object ends.
+    /// Provides the bytes of a range of needed(), or of another range that begins at a block; a
+    /// partial block at its end is kept only if it is the end of the object.
     void put(std::uint64_t offset, std::span<const std::byte> bytes) const;
-    /// Some ranges were fetched together.
+    /// Counts ranges that were fetched together as one round trip.
     void count_round_trip() { ++counts_.round_trips; }
 
   private:
@@ -69,24 +70,29 @@ class WebBytes : public StoreBytes {
         std::list<std::uint64_t>::iterator use;
     };
     [[nodiscard]] std::size_t bytes_of_block(std::uint64_t number) const;
-    /// Moves the block to the end of the order of use; null if it is not there.
+    /// Marks the block as most recently used; null if it is not cached.
     const std::byte* use_block(std::uint64_t number) const;
     void note(const ByteRange& range) const;
-    /// With what was noted next to it. Throws what fetch_now_ throws.
+    /// Also fetches the requested blocks next to it. Throws what fetch_now_ throws.
     const std::byte* fetch_block(std::uint64_t number) const;
     void keep(std::uint64_t number, const std::byte* bytes) const;
 
     std::string name_;
     std::uint64_t size_;
-    std::size_t most_blocks_;
+    std::size_t max_blocks_;
     FetchNow fetch_now_;
     WebTimes times_;
     bool may_unwind_ = false;
     mutable std::unordered_map<std::uint64_t, Block> blocks_;
-    mutable std::list<std::uint64_t> order_;  ///< used last: at the end
+    mutable std::list<std::uint64_t> order_;  ///< least recently used first
     mutable std::unordered_set<std::uint64_t> noted_;
     mutable std::unordered_set<std::uint64_t> of_run_;  ///< blocks that this run has used
     mutable FetchedCounts counts_;
 };
+
+// The store that is open in a page's worker.
+
+/// Sets what open_location() returns from now on, for any location.
+void set_web_bytes(std::shared_ptr<WebBytes> bytes);
 
 }  // namespace isonest::detail::web

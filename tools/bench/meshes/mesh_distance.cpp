@@ -1,27 +1,27 @@
-// How far two meshes are from each other, in both directions, by none of isonest's code.
+// The distance of two meshes, in both directions. Uses no code of isonest.
 //
 // usage: isonest_mesh_distance A.ply B.ply [--min-component N] [--spacing S] [--epsilon E]
 //                              [--stop-above X] [--threads T] [--max-only]
 //
-// Distances are those of points of one mesh to the nearest point of the other's triangles, in the
-// meshes' unit. The points are every vertex that a triangle uses, and ten of every triangle: its
+// Distances are from points of one mesh to the nearest point of the other's triangles, in the
+// meshes' unit. The points are every vertex that a triangle uses, and ten in every triangle: its
 // centroid, the midpoints of its edges, three towards its corners and three between. A triangle
-// with an edge longer than S (by default three times the smaller mean edge of the two meshes) is
-// first cut into n * n congruent ones, which have ten points each. Mean and quantiles are of the
-// surface: every point weighs as much as the area that it stands for. Quantiles are rounded up by
-// at most 0.03 %.
+// with an edge longer than S (default: three times the smaller mean edge length of the two meshes)
+// is first cut into n * n congruent ones, which have ten points each. Mean and quantiles are those
+// of the surface: every point is weighted with the area that it represents. Quantiles are rounded
+// up by at most 0.03 %.
 //
 // "max" was found at a point ("at"). "max_at_most" is a bound: no point of the surface, sampled or
 // not, is farther. Distance to a triangle is convex, so over a part of a triangle it is largest at
-// the part's corners; parts are quartered, the one with the largest bound first, until the bound is
-// within E (by default S / 1000) of what was found, or 20 million points were asked.
+// the part's corners. Parts are quartered, the one with the largest bound first, until the bound is
+// within E (default S / 1000) of what was found, or 20 million points were evaluated.
 //
-// --min-component first drops the components of fewer than N triangles from A, the full mesh (in a
-// simplified one few triangles are no sign of a speck). With --stop-above the program ends as soon
-// as a vertex is farther than X and says "stopped", and does not quarter parts that are not. With
-// --max-only it leaves out the ten points, and so mean and quantiles; the bound is as good.
-// Prints JSON; a distance is null where one of the meshes has no triangle. Memory: about 200 bytes
-// for each triangle.
+// --min-component first removes the components of fewer than N triangles from A, the full mesh (in
+// a simplified mesh, few triangles do not indicate a speck). With --stop-above the program ends as
+// soon as a vertex is farther than X and prints "stopped", and does not quarter parts that are
+// nearer. With --max-only it omits the ten points, and so mean and quantiles; the bound is as good.
+// Prints JSON; a distance is null if one of the meshes has no triangles. Memory: about 200 bytes
+// per triangle.
 #include <atomic>
 #include <limits>
 #include <queue>
@@ -53,7 +53,8 @@ struct Direction {
     bool sampled = false;  ///< mean and quantiles are known
     bool stopped = false;
 
-    /// Of several points as far away the first one by its coordinates, whichever thread found it.
+    /// Among equal distances, keeps the first point by coordinates, so that the result does not
+    /// depend on the threads.
     void take(double distance, const Point& p) {
         const bool is_first = std::tie(p[0], p[1], p[2]) < std::tie(at[0], at[1], at[2]);
         if (distance > max || (distance == max && max > 0 && is_first)) {
@@ -63,7 +64,7 @@ struct Direction {
     }
 };
 
-/// Area over distance, in bins of one 4096th of the distance.
+/// Area over distance, in bins of 1/4096 of the distance.
 class Histogram {
   public:
     void add(double distance, double area) {
@@ -76,7 +77,7 @@ class Histogram {
         moment_ += other.moment_;
     }
     double mean() const { return total() > 0 ? moment_ / total() : 0; }
-    /// The upper end of the bin in which the quantile lies.
+    /// The upper end of the bin that contains the quantile.
     double quantile(double q) const {
         double rest = q * total();
         for (std::uint32_t i = 0; i < weights_.size(); ++i) {
@@ -127,7 +128,7 @@ void in_blocks(std::size_t n, unsigned threads, const Work& work) {
     }
 }
 
-/// The vertices that triangles use: the nearest triangle of each.
+/// Measures the vertices that triangles use. Returns the nearest triangle of each.
 std::vector<Tree::Nearest> ask_vertices(const Mesh& from, const Tree& to, const Options& options,
                                         Direction& found) {
     std::vector<char> used(from.points.size());
@@ -156,7 +157,7 @@ std::vector<Tree::Nearest> ask_vertices(const Mesh& from, const Tree& to, const 
     return nearest;
 }
 
-/// Ten points of every triangle, or of every part of it.
+/// Measures ten points of every triangle, or of every part of it.
 void ask_triangles(const Mesh& from, const Tree& to, const Options& options,
                    const std::vector<Tree::Nearest>& nearest, Direction& found) {
     std::vector<Histogram> areas(options.threads);
@@ -179,8 +180,8 @@ void ask_triangles(const Mesh& from, const Tree& to, const Options& options,
                     areas[thread].add(std::sqrt(there.squared), weight);
                     ++each[thread].points;
                 };
-                // Parts: corner (x, y) and the next ones, upright, and where there is room the one
-                // upside down.
+                // Parts: the upright one at corner (x, y) and, if there is space, the inverted one
+                // beside it.
                 const auto at = [&](int x, int y) {
                     const double a = static_cast<double>(x) / n;
                     const double b = static_cast<double>(y) / n;
@@ -213,7 +214,7 @@ void ask_triangles(const Mesh& from, const Tree& to, const Options& options,
     found.p999 = areas[0].quantile(0.999);
 }
 
-/// Raises found.max to within epsilon of the largest distance there is, and bounds it.
+/// Raises found.max to within epsilon of the true maximum, and bounds it.
 void bound_max(const Mesh& from, const Tree& to, const Options& options,
                const std::vector<Tree::Nearest>& nearest, Direction& found) {
     struct Part {
@@ -222,9 +223,9 @@ void bound_max(const Mesh& from, const Tree& to, const Options& options,
         std::array<Tree::Nearest, 3> nearest;
         bool operator<(const Part& other) const { return bound < other.bound; }
     };
-    // What bounds a part: the largest distance of its corners to one triangle; and the largest of
-    // theirs to any, and the way to the nearest corner, which is at most 1 / sqrt(3) of the longest
-    // side.
+    // A part is bounded in two ways: by the maximum distance of its corners to one triangle; and by
+    // the maximum of their distances to any triangle plus the way to the nearest corner, which is
+    // at most 1 / sqrt(3) of the longest side.
     const auto bound = [&](Part& part) {
         double best = std::numeric_limits<double>::infinity();
         for (const Tree::Nearest& candidate : part.nearest) {

@@ -1,18 +1,18 @@
-// What kind of mesh a PLY file holds, by none of isonest's code.
+// Properties of the mesh in a PLY file. Uses no code of isonest.
 //
 // usage: isonest_mesh_quality MESH.ply [--min-component N] [--box X0 Y0 Z0 X1 Y1 Z1]
 //
-// Prints JSON. Counts: triangles; vertices (that a triangle uses); unused vertices; zero_area (the
+// Prints JSON. Counts: triangles; vertices (used by a triangle); unused vertices; zero_area (the
 // cross product of two sides is exactly zero); repeated_triangles (the same three vertices as
 // another one); nonmanifold_edges (of more than two triangles); turned_edges (of two triangles that
-// run along it in the same direction); boundary_edges (of one triangle), and with
-// --box those that do not lie in one face of the box, within a millionth of its diagonal;
-// fan_vertices (of more than one fan: triangles around the vertex that no chain of shared edges
-// connects); components (of triangles that share vertices) and the smallest one's triangles; euler
-// (vertices - edges + triangles). Angles in degrees: quantiles over the triangles of their smallest
-// angle, and the share of triangles in which it is under 5. folds_72, folds_150: edges of two
-// triangles whose normals are so many degrees apart or more, and in which neither has no area.
-// --min-component drops the components of fewer than N triangles first.
+// run along it in the same direction); boundary_edges (of one triangle), and with --box those that
+// do not lie in one face of the box, within a millionth of its diagonal; fan_vertices (with several
+// fans: triangles around the vertex that are not connected by shared edges); components (of
+// triangles that share vertices) and the number of triangles in the smallest one; euler (vertices -
+// edges + triangles). Angles in degrees: quantiles over the triangles of their smallest angle, and
+// the fraction of triangles in which it is below 5. folds_72, folds_150: edges of two triangles
+// with area whose normals differ by at least so many degrees. --min-component first removes the
+// components of fewer than N triangles.
 #include <algorithm>
 #include <numbers>
 #include <span>
@@ -41,7 +41,7 @@ struct Edges {
     std::size_t nonmanifold = 0;
     std::size_t turned = 0;
     std::size_t boundary = 0;
-    std::size_t inside = 0;  ///< of the boundary, those that lie in no face of the box
+    std::size_t inside = 0;  ///< boundary edges that lie in no face of the box
     std::size_t fan_vertices = 0;
     std::size_t folds_72 = 0;
     std::size_t folds_150 = 0;
@@ -57,7 +57,7 @@ struct Side {
     }
 };
 
-/// Degrees; 0 if a triangle has no area.
+/// In degrees; 0 if a triangle has no area.
 double angle_of_normals(const Mesh& mesh, std::size_t a, std::size_t b) {
     const auto normal = [&](std::size_t i) {
         const Triangle& t = mesh.triangles[i];
@@ -126,7 +126,7 @@ Edges edges_of(const Mesh& mesh, std::span<const double> box) {
         }
         first = last;
     }
-    // A vertex has as many fans as its corners have names.
+    // A vertex has as many fans as its corners have different sets.
     std::vector<std::uint32_t> named(mesh.points.size());
     for (std::uint32_t corner = 0; corner < 3 * mesh.triangles.size(); ++corner) {
         if (fans.find(corner) == corner) {

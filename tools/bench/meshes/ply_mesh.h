@@ -1,5 +1,5 @@
-// A triangle mesh from a binary PLY file, for the programs that judge meshes. Nothing of isonest's
-// own code is used here: these programs are the second opinion.
+// A triangle mesh from a binary PLY file, for the programs that judge meshes. They are an
+// independent check, so no code of isonest is used here.
 #pragma once
 
 #include <algorithm>
@@ -46,7 +46,7 @@ inline double length(const Point& a) {
     return std::sqrt(dot(a, a));
 }
 
-/// Sets of numbers below n, each named by its smallest member.
+/// A union-find structure for the numbers below n; each set is represented by its smallest member.
 class Sets {
   public:
     explicit Sets(std::size_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), 0U); }
@@ -68,8 +68,8 @@ class Sets {
     std::vector<std::uint32_t> parent_;
 };
 
-/// Drops the components of fewer than `least` triangles; triangles that share a vertex are of one
-/// component. Returns how many triangles went. The points stay.
+/// Removes components of fewer than `least` triangles; triangles that share a vertex belong to the
+/// same component. Returns the number of removed triangles. The points stay.
 inline std::size_t drop_small_components(Mesh& mesh, std::size_t least) {
     Sets sets(mesh.points.size());
     for (const Triangle& t : mesh.triangles) {
@@ -84,9 +84,9 @@ inline std::size_t drop_small_components(Mesh& mesh, std::size_t least) {
                          [&](const Triangle& t) { return size[sets.find(t[0])] < least; });
 }
 
-/// Reads a binary little-endian PLY file: vertices that begin with x, y, z of one type, float or
-/// double, and faces that are one list of three indices and nothing else. Other properties of
-/// vertices are skipped. Throws std::runtime_error for anything else.
+/// Reads a binary little-endian PLY file whose vertices begin with x, y, z of one type, float or
+/// double, and whose faces are one list of three indices and nothing else. Other vertex properties
+/// are skipped. Throws std::runtime_error for anything else.
 inline Mesh read_ply(const std::string& path) {
     static_assert(std::endian::native == std::endian::little);
     const auto fail = [&](const char* what) { throw std::runtime_error(path + ": " + what); };

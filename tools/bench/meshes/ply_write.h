@@ -1,4 +1,5 @@
-// Writes a binary PLY file that ply_mesh.h reads, for the programs that run a peer's algorithm.
+// Writes a binary PLY file that ply_mesh.h reads, for the programs that run other algorithms for
+// comparison.
 #pragma once
 
 #include "tools/bench/meshes/ply_mesh.h"

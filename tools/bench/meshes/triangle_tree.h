@@ -1,5 +1,4 @@
-// Distances from points to a triangle mesh, exact up to rounding. Nothing of isonest's own code is
-// used here.
+// Distances from points to a triangle mesh, exact up to rounding. No code of isonest is used here.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +11,7 @@ namespace bench {
 
 using Corners = std::array<Point, 3>;
 
-/// Of triangle i.
+/// The corners of triangle i.
 inline Corners corners_of(const Mesh& mesh, std::size_t i) {
     const Triangle& t = mesh.triangles[i];
     return {mesh.points[t[0]], mesh.points[t[1]], mesh.points[t[2]]};
@@ -43,7 +42,7 @@ inline double squared_to_triangle(const Point& p, const Corners& t) {
                      squared_to_segment(p, t[2], t[0])});
 }
 
-/// A tree of boxes over the triangles of a mesh: halved at the median of the centres along the
+/// A bounding box tree over the triangles of a mesh: halved at the median of the centres along the
 /// longest axis.
 class Tree {
   public:
@@ -78,7 +77,7 @@ class Tree {
         return squared_to_triangle(p, corners_[triangle]);
     }
 
-    /// The nearest triangle (numbered as the tree keeps them); `guess` is where to look first.
+    /// The nearest triangle (in the tree's own numbering); the search starts with `guess`.
     Nearest nearest(const Point& p, std::uint32_t guess) const {
         Nearest best{squared(p, guess), guess};
         std::array<std::pair<std::uint32_t, double>, 64> stack;
@@ -115,8 +114,8 @@ class Tree {
     struct Node {
         std::array<double, 3> low;
         std::array<double, 3> high;
-        std::uint32_t first = 0;  ///< of its triangles, or of its two children
-        std::uint32_t count = 0;  ///< of triangles; 0 in inner nodes
+        std::uint32_t first = 0;  ///< index of its first triangle, or of its two children
+        std::uint32_t count = 0;  ///< number of triangles; 0 in inner nodes
     };
 
     static double to_box(const Point& p, const Node& node) {
@@ -159,7 +158,7 @@ class Tree {
         build(child + 1, first + static_cast<std::uint32_t>(half), order.subspan(half), centres);
     }
 
-    /// REQUIRES: its children are fitted.
+    /// REQUIRES: its children have been fitted.
     void fit(Node& node) const {
         node.low.fill(std::numeric_limits<double>::infinity());
         node.high.fill(-std::numeric_limits<double>::infinity());

@@ -1,4 +1,5 @@
-// A published site in Chromium: the first picture behind a slow line, the slider beside `isonest view`, and its memory.
+// A published site in Chromium: the first picture over a slow connection, the slider compared with `isonest view`, and
+// memory.
 // usage: site.mjs ISONEST STORE [--iso VALUE] [--delay MS] [--rate MBIT/S] [--seconds N]
 import { mkdtemp, rm } from "node:fs/promises";
 import { tmpdir } from "node:os";

@@ -1,7 +1,7 @@
-// How far two meshes are from each other, by CGAL's bounded_error_symmetric_Hausdorff_distance
-// (after M. Tang, M. Lee, Y. J. Kim, "Interactive Hausdorff distance computation for general
-// polygonal models", ACM Transactions on Graphics 28(3), 2009), which shares no line with
-// isonest_mesh_distance but the reading of files.
+// The distance of two meshes by CGAL's bounded_error_symmetric_Hausdorff_distance (after M. Tang,
+// M. Lee, Y. J. Kim, "Interactive Hausdorff distance computation for general polygonal models", ACM
+// Transactions on Graphics 28(3), 2009), which shares no code with isonest_mesh_distance except for
+// reading files.
 //
 // usage: isonest_cgal_distance A.ply B.ply ERROR_BOUND
 //
@@ -9,7 +9,7 @@
 // other mesh, in either direction, in the meshes' unit. Prints JSON; the seconds are processor
 // time.
 
-// distance.h of CGAL 5.5 needs the kernel's declarations, and does not include them.
+// distance.h of CGAL 5.5 needs the kernel's declarations, but does not include them.
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Polygon_mesh_processing/distance.h>
 

@@ -5,9 +5,9 @@
 //
 // usage: isonest_cgal_envelope IN.ply ENVELOPE OUT.ply
 //
-// Collapses edges as long as one is left whose collapse stays within ENVELOPE, in the mesh's unit.
-// The envelope bounds the way from the output to the input, not the way back. Prints JSON; the
-// seconds are the processor time of the collapse alone.
+// Collapses edges until no collapse stays within ENVELOPE, in the mesh's unit. The envelope bounds
+// the distance from the output to the input, not the opposite one. Prints JSON; the seconds are the
+// processor time of the collapse alone.
 #include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/Bounded_normal_change_filter.h>
 #include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/Count_stop_predicate.h>
 #include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/LindstromTurk_cost.h>

@@ -1,4 +1,4 @@
-// A PLY file as a mesh of CGAL, for the programs that judge or simplify meshes with CGAL.
+// Reads a PLY file as a CGAL mesh, for the programs that judge or simplify meshes with CGAL.
 #pragma once
 
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
@@ -13,11 +13,10 @@ namespace bench {
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 using SurfaceMesh = CGAL::Surface_mesh<Kernel::Point_3>;
 
-/// The mesh in a PLY file, or of the same triangles: a vertex at which several fans of triangles
-/// meet becomes one for each fan, and so do the ends of an edge of more than two triangles.
-/// Triangles whose corners lie on one line have no plane, which CGAL's algorithms need; they are
-/// left out, and counted in `flat`. Throws std::runtime_error if the file cannot be read or nothing
-/// is left.
+/// The mesh in a PLY file, made manifold: a vertex at which several fans of triangles meet is
+/// duplicated, one per fan, and so are the ends of an edge with more than two triangles. Triangles
+/// with collinear corners have no plane, which CGAL's algorithms need; they are left out, and
+/// counted in `flat`. Throws std::runtime_error if the file cannot be read or no triangle is left.
 inline SurfaceMesh read_surface_mesh(const std::string& path, std::size_t& flat) {
     const Mesh read = read_ply(path);
     std::vector<Kernel::Point_3> points;

@@ -1,12 +1,12 @@
-// OpenVDB's volumeToMesh, which merges quadrilaterals where the surface is flat enough for a number
+// OpenVDB's volumeToMesh, which merges quadrilaterals in flat regions, depending on the number
 // "adaptivity" from 0 (none) to 1.
 //
 // usage: isonest_openvdb_mesh VALUES NX NY NZ SX SY SZ OX OY OZ ISOVALUE ADAPTIVITY OUT.ply
 //
 // VALUES: NX * NY * NZ float32, x fastest; spacings and origin as in the store, so that the mesh
-// lies where isonest's does. The surface ends in the outermost cells: a mask leaves out what
-// OpenVDB would close it with there. A quadrilateral is two triangles. Prints JSON; the seconds are
-// the processor time of the mesher alone.
+// has the same place as isonest's. The surface ends in the outermost cells: a mask removes the part
+// with which OpenVDB would close it. A quadrilateral is written as two triangles. Prints JSON; the
+// seconds are the processor time of the mesher alone.
 #include <openvdb/openvdb.h>
 #include <openvdb/tools/VolumeToMesh.h>
 
@@ -60,7 +60,7 @@ openvdb::FloatGrid::Ptr grid_of(const Volume& volume) {
     return grid;
 }
 
-/// The nodes that are not on a face of the box.
+/// All nodes except those on a face of the box.
 openvdb::BoolGrid::Ptr inner_nodes(const Volume& volume) {
     const auto mask = openvdb::BoolGrid::create(false);
     const auto [nx, ny, nz] = volume.nodes;

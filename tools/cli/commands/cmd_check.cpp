@@ -13,12 +13,11 @@
 
 #include "query/check/check.h"
 #include "store/files/scratch_file.h"
-#include "tools/cli/command.h"
-#include "tools/cli/commands/analyses.h"
-#include "tools/cli/commands/same_store.h"
+#include "tools/cli/commands/input_store.h"
 #include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
+#include "tools/cli/program.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -58,15 +57,12 @@ const char* depth_text(CheckDepth depth) {
 }
 
 Result run(CheckArguments& a, Progress& progress) {
-    if (a.source_options.labels) {
-        a.source_option = "--labels";  // no option of that group
-    }
     if (a.source.empty() && !a.source_option.empty()) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} says how the volume of --source is read, and there is none",
-                                a.source_option));
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("{} needs --source: it says how that volume is read", a.source_option));
     }
-    const Store opened = open_store(a.store, a.remote, a.check.memory, progress);
+    const Store opened = open_required_store(a.store, a.remote, a.check.memory, progress);
     const StoreReader& store = opened.reader();
     const std::string path = store.path().string();
     if (a.check.ranks != nullptr) {
@@ -133,8 +129,8 @@ Result run(CheckArguments& a, Progress& progress) {
     result.json["chunks_total"] = all;
     if (r.chunks < all && r.failures == 0) {
         result.text += fmt::format(
-            "{}: nothing is wrong in the table and in a sample of {} of {} chunks; without --quick "
-            "all are read\n",
+            "{}: the table and a sample of {} of {} chunks are correct; without --quick all are "
+            "read\n",
             path, r.chunks, all);
         add_counts();
         return result;
@@ -155,26 +151,18 @@ void add_check(CLI::App& app, Invocation& chosen) {
     CLI::App* const c = add_command(
         app, chosen, "check",
         {"Test a store, from checksums to brute force",
-         "All checksums, the table, levels against each other, saturation across chunk borders; "
-         "and\n"
-         "with --source the values against the original and sampled bounds against brute force. "
-         "Exits\n"
-         "with 4 if anything is wrong; each finding names level, chunk and node.",
+         "Tests all checksums, the chunk table, levels against each other, and saturation across "
+         "chunk borders; with --source also the values against the original, and sampled bounds by "
+         "brute force. The exit code is 4 if anything is wrong; each finding names level, chunk "
+         "and node.",
          "isonest check scan.isonest\n"
          "isonest check scan.isonest --quick\n"
-         "isonest check scan.isonest --deep --json\n"
          "isonest check head.isonest --source head.raw.gz --dims 256,256,113 --type uint16"});
-    c->add_option("STORE", a->store, "made by isonest preprocess: a file or a URL")->required();
-    CLI::Option* const quick = c->add_flag_callback(
-        "--quick", [a] { a->check.depth = CheckDepth::quick; },
-        "seconds for any size: the chunk table, and a sample of some\n"
-        "thousand chunks' checksums");
-    c->add_flag_callback(
-         "--deep", [a] { a->check.depth = CheckDepth::deep; },
-         "everything: also that HDF5 finds the same chunks by its own index")
-        ->excludes(quick);
-    c->add_option("--source", a->source, "the volume that the store was made from; may be at a URL")
-        ->type_name("INPUT");
+    c->add_option("STORE", a->store)->required();
+    CLI::Option* const quick =
+        c->add_flag_callback("--quick", [a] { a->check.depth = CheckDepth::quick; });
+    c->add_flag_callback("--deep", [a] { a->check.depth = CheckDepth::deep; })->excludes(quick);
+    c->add_option("--source", a->source);
     add_source_options(c, a->source_options);
     add_memory(c, a->check.memory);
     add_threads(c, a->check.threads);
@@ -185,7 +173,7 @@ void add_check(CLI::App& app, Invocation& chosen) {
         chosen.run = [a](Progress& progress) {
             std::vector<std::string> inputs = a->source;
             inputs.push_back(a->store);
-            require_far(a->remote, inputs);
+            require_remote(a->remote, inputs);
             return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
         };
     });

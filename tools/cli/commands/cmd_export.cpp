@@ -5,13 +5,13 @@
 #include <optional>
 
 #include "query/extract/export.h"
-#include "query/study/export_computed.h"
-#include "query/view/label_view.h"
-#include "tools/cli/command.h"
-#include "tools/cli/options/fields.h"
+#include "query/study/computed_field.h"
+#include "query/values/label_view.h"
+#include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/units.h"
-#include "tools/cli/terminal/leftovers.h"
+#include "tools/cli/program.h"
+#include "tools/cli/terminal/interrupt.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -45,7 +45,7 @@ Result run_computed(const Store& opened, const ExportArguments& a, Progress& pro
 }
 
 Result run(ExportArguments& a, Progress& progress) {
-    const Store opened = open_store(a.store, a.remote, a.options.memory, progress);
+    const Store opened = open_required_store(a.store, a.remote, a.options.memory, progress);
     const StoreReader& store = opened.reader();
     if (a.computed) {
         return run_computed(opened, a, progress);
@@ -75,47 +75,37 @@ void add_export(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<ExportArguments>();
     CLI::App* const c = add_command(
         app, chosen, "export",
-        {"Write a field of a store as a plain volume file",
-         "The name decides: .h5 (dataset 'data', [z,y,x]), .nrrd, .nii (NIfTI), .vti, .npy,\n"
-         ".mha (MetaImage) or .raw. Values come in the input's type (64-bit labels as int64); an "
-         "indicator\n"
-         "comes as float32 on the finest lattice, 0 at the macro vertices. One that is not in the "
-         "store is computed in "
-         "memory,\n"
-         "which has to hold 20 bytes a node.",
-         "isonest export scan.isonest --field values --level 2 -o quarter.nrrd\n"
+        {"Write the values of a store, or an indicator, as a plain volume file",
+         "The ending of FILE selects the format; .h5 has the dataset 'data', [z,y,x]. Values have "
+         "the "
+         "type of the input (64-bit labels: int64). An indicator is float32 on the finest lattice, "
+         "0 at the macro vertices.\n\nIndicators: " +
+             list_names(node_indicators()) +
+             "; computed in memory, in 20 bytes a node: lp:P, grad_lp:P (P from 1 to inf), "
+             "gradient, curvature, alone or with _bar or _plus.",
+         "isonest export scan.isonest -o scan.nrrd\n"
+         "isonest export scan.isonest --level 2 -o quarter.nrrd\n"
          "isonest export scan.isonest --field deviation_bar -o deviation.h5\n"
          "isonest export scan.isonest --field lp:3 -o eta3.nrrd"});
     ExportOptions& e = a->options;
-    c->add_option("STORE", a->store, "made by isonest preprocess: a file or a URL")->required();
-    add_parsed(
-        c, "--field",
-        [a](const std::string& text) {
-            a->computed = computed_field_from_name(text);
-            if (!a->computed) {
-                a->options.field = parse_field_or_values("--field", text);
-            }
-        },
-        fmt::format(
-            "values, {}; computed from the values, as they are or saturated (_bar, _plus):\n"
-            "lp:P, grad_lp:P (any P from 1 to inf), gradient, curvature",
-            list_names(node_indicators())),
-        "NAME")
-        ->required();
-    add_parsed(
-        c, "--level",
-        [&e](const std::string& text) {
-            constexpr int kMost = 64;
-            e.level = static_cast<int>(parse_integer("--level", text, 0, kMost));
-        },
-        "values: the lattice of stride 2^L; indicators: nodes of level L and coarser [0]", "L");
-    c->add_option("-o,--output", a->output, "the file to write")->required()->type_name("FILE");
-    c->add_flag("--force", e.force, "replace an existing file");
+    c->add_option("STORE", a->store)->required();
+    add_parsed(c, "--field", [a](const std::string& text) {
+        a->computed = computed_field_from_name(text);
+        if (!a->computed) {
+            a->options.field = parse_field_or_values("--field", text);
+        }
+    });
+    add_parsed(c, "--level", [&e](const std::string& text) {
+        constexpr int kMax = 64;
+        e.level = static_cast<int>(parse_integer("--level", text, 0, kMax));
+    });
+    c->add_option("-o,--output", a->output)->required();
+    c->add_flag("--force", e.force);
     add_memory(c, e.memory);
     add_remote_options(c, a->remote);
     c->callback([a, &chosen] {
         chosen.run = [a](Progress& progress) {
-            require_far(a->remote, {a->store});
+            require_remote(a->remote, {a->store});
             return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
         };
     });

@@ -3,22 +3,25 @@
 #include <fmt/ranges.h>
 
 #include <memory>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include <isonest/error.h>
 
-#include "query/extract/info.h"
+#include "query/extract/extract.h"
 #include "query/statistics/histogram.h"
-#include "query/view/label_view.h"
+#include "query/values/label_view.h"
+#include "store/container/format.h"
 #include "store/files/output_file.h"
-#include "tools/cli/command.h"
-#include "tools/cli/commands/analyses.h"
-#include "tools/cli/options/remote_options.h"
+#include "store/files/scratch_file.h"
+#include "tools/cli/commands/input_store.h"
 #include "tools/cli/options/units.h"
-#include "tools/cli/terminal/histogram_json.h"
-#include "tools/cli/terminal/histogram_text.h"
-#include "tools/cli/terminal/leftovers.h"
+#include "tools/cli/program.h"
+#include "tools/cli/terminal/histogram_report.h"
+#include "tools/cli/terminal/interrupt.h"
 #include "tools/drawing/canvas.h"
-#include "tools/drawing/histogram_plot.h"
+#include "tools/drawing/plot.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -45,11 +48,10 @@ Json to_json(const Int3& v) {
 }
 
 struct InfoArguments {
-    std::string store;
+    InputArguments in;
     std::string plot;
     bool histogram = false;
     HistogramOptions options;
-    RemoteArguments remote;
 };
 
 void add_histogram(const StoreReader& store, const InfoArguments& a, Result& result,
@@ -69,7 +71,7 @@ void add_histogram(const StoreReader& store, const InfoArguments& a, Result& res
 }
 
 void add_label_names(const LabelTable& names, Result& result) {
-    constexpr std::size_t kMostShown = 20;
+    constexpr std::size_t kMaxShown = 20;
     Json all = Json::array();
     for (std::size_t i = 0; i < names.size(); ++i) {
         const LabelName label = names.at(i);
@@ -85,7 +87,7 @@ void add_label_names(const LabelTable& names, Result& result) {
             result.text +=
                 fmt::format("\n{:>10} {:<8} name of {} labels\n", "label", "colour", names.size());
         }
-        if (i < kMostShown) {
+        if (i < kMaxShown) {
             const LabelColor c = label.color.value_or(LabelColor{});
             result.text +=
                 fmt::format("{:>10} {:<8} {}\n", label.id,
@@ -93,8 +95,8 @@ void add_label_names(const LabelTable& names, Result& result) {
                             label.name);
         }
     }
-    if (names.size() > kMostShown) {
-        result.text += fmt::format("{:>10} and {} more\n", "...", names.size() - kMostShown);
+    if (names.size() > kMaxShown) {
+        result.text += fmt::format("{:>10} and {} more\n", "...", names.size() - kMaxShown);
     }
     result.json["label_names"] = std::move(all);
 }
@@ -120,14 +122,69 @@ void add_analyses(const StoreReader& store, Result& result) {
     }
 }
 
-Result run(InfoArguments& a, Progress& progress) {
-    const Store opened = open_store(a.store, a.remote, a.options.memory, progress);
+/// "unit mm (millimetre), axes RAS" and how the axes lie.
+std::string place_text(const Double3& spacing, const Double3& origin,
+                       std::optional<LengthUnit> unit, AnatomicalFrame frame,
+                       const Directions& direction, const Int3& nodes) {
+    return fmt::format(
+        "spacing {:g} {:g} {:g}, origin {:g} {:g} {:g}, {}, {}{}\n", spacing[0], spacing[1],
+        spacing[2], origin[0], origin[1], origin[2],
+        unit ? fmt::format("unit {} ({})", symbol_of(*unit), name_of(*unit))
+             : std::string("unit not known"),
+        frame == AnatomicalFrame::unknown ? std::string("patient axes not known")
+                                          : fmt::format("axes {}", name_of(frame)),
+        direction == kAlongWorld
+            ? ""
+            : fmt::format(
+                  "\naxes along ({:.5g}), ({:.5g}), ({:.5g}){}", fmt::join(direction[0], ", "),
+                  fmt::join(direction[1], ", "), fmt::join(direction[2], ", "),
+                  are_directions(direction) ? "" : ": sheared, " + sheared_axes(nodes, direction)));
+}
+
+/// What a volume's files say of it; no value is read.
+/// `source`: how it was opened.
+Result describe_volume(const VolumeSource& volume, const std::string& name,
+                       const SourceOptions& source) {
+    const VolumeDescription d = volume.describe();
+    const std::string type(d.labels ? "int64" : name_of(d.type));
+    const auto bytes =
+        static_cast<double>(d.nodes.product()) * static_cast<double>(size_of(d.type));
+    Result result;
+    result.json = {{"volume", name},
+                   {"nodes", to_json(d.nodes)},
+                   {"type", type},
+                   {"labels", source.labels},
+                   {"spacing", d.spacing},
+                   {"origin", d.origin},
+                   {"direction", d.direction},
+                   {"sheared", !are_directions(d.direction)},
+                   {"unit", unit_json(d.unit)},
+                   {"frame", frame_json(d.frame)},
+                   {"notes", volume.notes()}};
+    result.text = fmt::format(
+        "{}: a volume, {} x {} x {} {}, {}\n{}", name, d.nodes.x, d.nodes.y, d.nodes.z, type,
+        human_bytes(bytes), place_text(d.spacing, d.origin, d.unit, d.frame, d.direction, d.nodes));
+    if (source.missing) {
+        result.json["missing"] = *source.missing;
+        result.text += fmt::format("the value {:g} stands for missing data\n", *source.missing);
+    }
+    if (source.big_endian) {
+        result.json["endian"] = *source.big_endian ? "big" : "little";
+    }
+    for (const std::string& note : volume.notes()) {
+        result.text += fmt::format("note: {}\n", note);
+    }
+    result.text += "--histogram reads the values; isonest preprocess makes a store of it\n";
+    add_fetched(volume, result);
+    return result;
+}
+
+Result describe_store(const Store& opened, const InfoArguments& a, const std::string& path,
+                      Progress& progress) {
     const StoreReader& store = opened.reader();
-    const std::string path = store.path().string();
     if (!a.plot.empty()) {
         if (!is_canvas(a.plot)) {
-            throw Error(ErrorKind::invalid_argument, {a.plot},
-                        "a plot's name must end with .svg or .png");
+            throw Error(ErrorKind::invalid_argument, {a.plot}, "plots are written as .svg or .png");
         }
         check_output(a.plot, true, {store.path()});
     }
@@ -147,6 +204,7 @@ Result run(InfoArguments& a, Progress& progress) {
                    {"spacing", h.spacing},
                    {"origin", h.origin},
                    {"direction", h.direction},
+                   {"sheared", h.is_sheared()},
                    {"unit", unit_json(h.unit)},
                    {"frame", frame_json(h.frame)},
                    {"min_value", any ? value_json(h, store.min_value()) : Json()},
@@ -164,23 +222,13 @@ Result run(InfoArguments& a, Progress& progress) {
                    {"arrays", Json::array()}};
     result.text = fmt::format(
         "{}: {} x {} x {} {}, {} levels, {}\n"
-        "spacing {:g} {:g} {:g}, origin {:g} {:g} {:g}, {}, {}{}\n"
-        "{}{}\n"
+        "{}{}{}\n"
         "indicators {} ({}), chunks of {}^3 nodes, zstd level {}\n"
         "ranges of cubes: {}\n\n"
         "{:>5} {:<14} {:>18} {:>8} {:>10} {:>7}  {}\n",
         path, h.nodes.x, h.nodes.y, h.nodes.z, type_of_values(h),
         store.layout().lattice().top() + 1, human_bytes(static_cast<double>(store.file_bytes())),
-        h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1], h.origin[2],
-        h.unit ? fmt::format("unit {} ({})", symbol_of(*h.unit), name_of(*h.unit))
-               : std::string("unit not known"),
-        h.frame == AnatomicalFrame::unknown ? std::string("patient axes not known")
-                                            : fmt::format("axes {}", name_of(h.frame)),
-        h.direction == kAlongWorld
-            ? ""
-            : fmt::format("\naxes along ({:.5g}), ({:.5g}), ({:.5g})",
-                          fmt::join(h.direction[0], ", "), fmt::join(h.direction[1], ", "),
-                          fmt::join(h.direction[2], ", ")),
+        place_text(h.spacing, h.origin, h.unit, h.frame, h.direction, h.nodes),
         value_text(h.labels, store.min_value(), store.max_value()),
         store.has_missing() ? ", some missing" : "",
         h.fields.empty() ? std::string("none") : list_names(h.fields),
@@ -216,7 +264,24 @@ Result run(InfoArguments& a, Progress& progress) {
     if (a.histogram) {
         add_histogram(store, a, result, progress);
     }
-    add_fetched(opened, result);
+    return result;
+}
+
+Result run(InfoArguments& a, Progress& progress) {
+    InputStore input{open_if_store(a.in, a.options.memory, progress), {}};
+    if (!input.opened) {
+        const std::unique_ptr<VolumeSource> volume =
+            open_input_volume(a.in, a.options.memory, temporary_folder(), progress);
+        if (!a.histogram && a.in.keep.empty()) {
+            return describe_volume(*volume, a.in.shown(), a.in.source);
+        }
+        input.made.emplace(make_store_of(
+            *volume, a.in.shown(),
+            {a.in.keep, {}, default_indicators(), a.options.memory, a.options.threads}, progress));
+    }
+    Result result =
+        run_on(input, [&] { return describe_store(input.store(), a, input.name(), progress); });
+    input.report(result);
     return result;
 }
 
@@ -226,39 +291,34 @@ void add_info(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<InfoArguments>();
     CLI::App* const c = add_command(
         app, chosen, "info",
-        {"Say what a store holds: size, type, range, levels, fields, compression",
-         "Reads the header and the chunk table only. With --histogram it also reads the values "
-         "and\n"
-         "says how often they occur, how much surface each isovalue has, and which isovalues are\n"
-         "likely to show something: where the surface is at its sharpest.",
+        {"Say what a store or a volume holds: size, type, place, range, levels, compression",
+         "Of a store only the header and the chunk table are read. With --histogram the values are "
+         "read, too: how often each occurs, how large the surface of each isovalue is, and which "
+         "isovalues are worth a look, where the surface is sharpest.",
          "isonest info scan.isonest\n"
-         "isonest info scan.isonest --histogram\n"
-         "isonest info scan.isonest --histogram --json -o histogram.png"});
-    c->add_option("STORE", a->store, "made by isonest preprocess: a file or a URL")->required();
-    CLI::Option* const histogram = c->add_flag(
-        "--histogram", a->histogram, "the values, the surface of each isovalue, and suggestions");
+         "isonest info scan.nii.gz\n"
+         "isonest info scan.isonest --histogram -o histogram.png"});
+    add_input_options(c, a->in);
+    CLI::Option* const histogram = c->add_flag("--histogram", a->histogram);
     HistogramOptions& o = a->options;
     add_parsed(
         c, "--level",
         [&o](const std::string& text) {
-            constexpr int kMost = 20;
-            o.level = static_cast<int>(parse_integer("--level", text, 0, kMost));
+            constexpr int kMax = 20;
+            o.level = static_cast<int>(parse_integer("--level", text, 0, kMax));
         },
-        fmt::format("of the values; 0 = all [the finest with at most {} M nodes]",
-                    kMostHistogramNodes >> 20),
-        "L");
-    c->add_option("-o,--output", a->plot, "draw it into this file, .png or .svg")
-        ->type_name("PLOT");
+        fmt::format("{}", kMaxHistogramNodes >> 20));
+    c->add_option("-o,--output", a->plot);
     add_memory(c, o.memory);
     add_threads(c, o.threads);
     for (const char* const name : {"--level", "--output", "--memory", "--threads"}) {
         c->get_option(name)->needs(histogram);
     }
-    add_remote_options(c, a->remote);
-    c->callback([a, &chosen] {
+    c->callback([a, c, &chosen] {
+        note_source_option(*c, a->in);
         chosen.run = [a](Progress& progress) {
-            require_far(a->remote, {a->store});
-            return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
+            require_remote(a->in.remote, a->in.input);
+            return run_beside_fetching(a->in.remote, [&] { return run(*a, progress); });
         };
     });
 }

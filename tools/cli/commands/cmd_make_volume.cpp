@@ -7,13 +7,12 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/synthetic/make_volume.h"
 #include "preprocess/synthetic/synthetic.h"
 #include "store/lattice/lattice.h"
-#include "tools/cli/command.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
-#include "tools/cli/terminal/leftovers.h"
+#include "tools/cli/program.h"
+#include "tools/cli/terminal/interrupt.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -57,31 +56,23 @@ void add_make_volume(CLI::App& app, Invocation& chosen) {
     }
     CLI::App* const c = add_command(
         app, chosen, "make-volume",
-        {"Write a synthetic volume, to try things out and to measure",
-         "The file is made slab by slab and may be larger than memory.",
+        {"Write a synthetic volume, for trying things out and for measurements",
+         "The file may be larger than memory.",
          "isonest make-volume bucky --size 129 -o bucky.h5\n"
          "isonest make-volume noise --size 200,100,50 --type uint8 --seed 7 -o noise.h5\n"
          "isonest make-volume cahn-hilliard --size 257,257 -o mixture.h5"});
-    c->add_option("NAME", o.name, "one of " + names)->required();
-    add_parsed(
-        c, "--size", [&o](const std::string& text) { o.nodes = parse_nodes(text); },
-        "nodes per axis", "N or X,Y[,Z]")
-        ->required();
-    add_parsed(
-        c, "--type", [&o](const std::string& text) { o.type = parse_type(text); },
-        "value type; integers use the type's whole range [float32]", "T");
-    add_parsed(
-        c, "--seed",
-        [&o](const std::string& text) {
-            o.seed = static_cast<std::uint64_t>(
-                parse_integer("--seed", text, 0, std::numeric_limits<std::int64_t>::max()));
-        },
-        "which noise, or which mixture of cahn-hilliard [1]", "N");
+    c->add_option("NAME", o.name, names)->required();
+    add_parsed(c, "--size", [&o](const std::string& text) {
+        o.nodes = parse_nodes(text);
+    })->required();
+    add_parsed(c, "--type", [&o](const std::string& text) { o.type = parse_type(text); });
+    add_parsed(c, "--seed", [&o](const std::string& text) {
+        o.seed = static_cast<std::uint64_t>(
+            parse_integer("--seed", text, 0, std::numeric_limits<std::int64_t>::max()));
+    });
     add_threads(c, o.threads);
-    c->add_option("-o,--output", a->output, "the file to write: .h5, .nrrd or .raw")
-        ->required()
-        ->type_name("FILE");
-    c->add_flag("--force", o.force, "replace an existing file");
+    c->add_option("-o,--output", a->output)->required();
+    c->add_flag("--force", o.force);
     c->callback([a, c, &chosen] {
         const bool seeded = c->get_option("--seed")->count() > 0;
         chosen.run = [a, seeded](Progress& progress) {

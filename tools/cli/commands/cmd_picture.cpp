@@ -10,16 +10,16 @@
 #include <vector>
 
 #include <isonest/error.h>
+#include <isonest/open_volume.h>
 
 #include "store/files/output_file.h"
-#include "tools/cli/command.h"
 #include "tools/cli/options/units.h"
-#include "tools/cli/terminal/leftovers.h"
-#include "tools/drawing/color_maps.h"
+#include "tools/cli/program.h"
+#include "tools/cli/terminal/interrupt.h"
+#include "tools/drawing/canvas.h"
 #include "tools/drawing/input/mesh_input.h"
 #include "tools/drawing/input/ply_reader.h"
 #include "tools/drawing/picture.h"
-#include "tools/drawing/png_writer.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -35,7 +35,7 @@ struct PictureArguments {
     bool has_color = false;         ///< --color was given
 };
 
-constexpr int kMostViews = 3600;
+constexpr int kMaxViews = 3600;
 
 Double3 parse_view(const std::string& text) {
     const std::array<std::pair<const char*, Double3>, 7> names{{{"front", {0, -1, 0}},
@@ -84,20 +84,38 @@ std::vector<PictureView> views_of(const PictureArguments& a) {
     return views;
 }
 
+/// Opens the mesh of `a`. A volume or store in its place gets an error that says how to make a
+/// mesh.
+PlyMesh mesh_of(const PictureArguments& a, Progress& progress) {
+    const std::filesystem::path folder = std::filesystem::path(a.png).parent_path();
+    try {
+        return open_mesh(a.mesh, a.by, folder.empty() ? std::filesystem::path(".") : folder,
+                         progress);
+    } catch (const Error& error) {
+        const std::string format =
+            error.kind() == ErrorKind::corrupt ? input_format_of(a.mesh) : std::string();
+        if (format.empty()) {
+            throw;
+        }
+        throw Error(ErrorKind::invalid_argument, {a.mesh},
+                    fmt::format("a volume or store ({}), not a mesh; extract a surface first: "
+                                "isonest extract {} --iso V -o surface.ply",
+                                format, a.mesh));
+    }
+}
+
 Result run(const PictureArguments& a, Progress& progress) {
     if (!is_png(a.png)) {
-        throw Error(ErrorKind::invalid_argument, {a.png}, "a picture's name must end with .png");
+        throw Error(ErrorKind::invalid_argument, {a.png}, "pictures are written as .png");
     }
     const std::vector<PictureView> views = views_of(a);
     for (const PictureView& view : views) {
         check_output(view.png, true, {a.mesh});
     }
-    const std::filesystem::path folder = std::filesystem::path(a.png).parent_path();
-    const PlyMesh mesh =
-        open_mesh(a.mesh, a.by, folder.empty() ? std::filesystem::path(".") : folder, progress);
+    const PlyMesh mesh = mesh_of(a, progress);
     if (a.by != "value" && a.by != "none" && !mesh.has_values()) {
         throw Error(ErrorKind::not_found, {a.mesh},
-                    fmt::format("its vertices have no property '{}'", a.by));
+                    fmt::format("its vertices have no property {}", a.by));
     }
     const bool has_values = mesh.has_values() && a.options.by_values;
     if (a.value_option[0] != 0 && !has_values) {
@@ -106,7 +124,7 @@ Result run(const PictureArguments& a, Progress& progress) {
     }
     if (a.has_color && has_values) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
-                    "--color: its values give the colours; --color-by none draws it in one");
+                    "--color needs --color-by none: the mesh has values, which give the colours");
     }
     const PictureReport r = draw_pictures(mesh, views, a.options, progress);
     Result result;
@@ -138,81 +156,58 @@ Result run(const PictureArguments& a, Progress& progress) {
 
 void add_picture(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<PictureArguments>();
-    CLI::App* const c = add_command(
-        app, chosen, "picture",
-        {"Draw a mesh as a PNG",
-         "MESH is of triangles: .ply (binary), .stl, .obj, .glb, .3mf, .vtp, .vtkhdf or .ngmesh, "
-         "as\n"
-         "isonest extract writes them. Shaded, off screen, fitted into the "
-         "picture, z up;\n"
-         "the side toward larger values is drawn in a paler, warmer colour. A mesh with "
-         "values, or\n"
-         "with colours, at its vertices is drawn in these.",
-         "isonest picture surface.ply -o surface.png\n"
-         "isonest picture surface.ply -o edges.png --wireframe --size 1600x1200\n"
-         "isonest picture surface.ply -o top.png --view top --color 200,120,90\n"
-         "isonest picture surface.ply -o around.png --turntable 36\n"
-         "isonest picture surface.ply -o error.png --color-by error --colors magma"});
+    CLI::App* const c =
+        add_command(app, chosen, "picture",
+                    {"Draw a mesh as a PNG",
+                     "MESH is of triangles, as isonest extract writes them. It is shaded and "
+                     "fitted into the picture, z up; the side toward larger values is paler and "
+                     "warmer. Colours or values at the vertices give the colours.",
+                     "isonest picture surface.ply -o surface.png\n"
+                     "isonest picture surface.ply -o edges.png --wireframe --size 1600x1200\n"
+                     "isonest picture surface.ply -o top.png --view top --color 200,120,90\n"
+                     "isonest picture surface.ply -o around.png --turntable 36\n"
+                     "isonest picture surface.ply -o error.png --color-by error --colors magma"});
     PictureOptions& o = a->options;
-    c->add_option("MESH", a->mesh, "for example from isonest extract")->required();
-    c->add_option("-o,--output", a->png, "the picture to write")->required()->type_name("OUT.png");
+    c->add_option("MESH", a->mesh)->required();
+    c->add_option("-o,--output", a->png)->required();
     add_parsed(
         c, "--size",
         [&o](const std::string& text) {
-            const std::vector<int> size = parse_size("--size", text, kMostPixels);
+            const std::vector<int> size = parse_size("--size", text, kMaxPixels);
             o.width = size[0];
             o.height = size[1];
         },
-        "pixels [800x600]", "WxH");
-    add_parsed(
-        c, "--view", [a](const std::string& text) { a->view = parse_view(text); },
-        "from the mesh toward the eye: front, back, left, right, top,\n"
-        "bottom, iso; degrees of turn from the front and of height; or a\n"
-        "direction [1,-1.6,0.9]",
-        "VIEW");
-    add_parsed(
-        c, "--turntable",
-        [a](const std::string& text) {
-            a->turntable = static_cast<int>(parse_integer("--turntable", text, 1, kMostViews));
-        },
-        "N pictures around the mesh: OUT_000.png and so on", "N");
-    c->add_flag("--wireframe", o.wireframe, "draw the edges of the triangles too");
-    c->add_flag("--flat", o.flat, "one shade per triangle");
-    c->add_flag("--plain", o.plain, "without darker hollows, scale bar, directions and colour bar");
-    add_parsed(
-        c, "--color-by",
-        [a](const std::string& text) {
-            a->by = text;
-            a->options.by_values = text != "none";
-        },
-        "the vertices' property whose values give the colours, or none\n"
-        "[value; colours of the vertices come first]",
-        "NAME");
-    c->add_option("--colors", o.colors, color_help("for values", "viridis"))->type_name("NAME");
-    add_parsed(
-        c, "--range",
-        [&o](const std::string& text) {
-            const std::vector<double> v = parse_numbers("--range", text, 2, "LOW,HIGH");
-            if (!(v[0] < v[1])) {
+        "800x600");
+    add_parsed(c, "--view", [a](const std::string& text) { a->view = parse_view(text); });
+    add_parsed(c, "--turntable", [a](const std::string& text) {
+        a->turntable = static_cast<int>(parse_integer("--turntable", text, 1, kMaxViews));
+    });
+    c->add_flag("--wireframe", o.wireframe);
+    c->add_flag("--flat", o.flat);
+    c->add_flag("--plain", o.plain);
+    add_parsed(c, "--color-by", [a](const std::string& text) {
+        a->by = text;
+        a->options.by_values = text != "none";
+    });
+    c->add_option("--colors", o.colors);
+    add_parsed(c, "--range", [&o](const std::string& text) {
+        const std::vector<double> v = parse_numbers("--range", text, 2, "LOW,HIGH");
+        if (!(v[0] < v[1])) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("--range '{}': give the low value first", text));
+        }
+        o.range = {v[0], v[1]};
+    });
+    add_parsed(c, "--color", [&o](const std::string& text) {
+        const std::vector<double> rgb = parse_numbers("--color", text, 3, "R,G,B");
+        for (std::size_t i = 0; i < 3; ++i) {
+            if (rgb[i] < 0 || rgb[i] > 255) {
                 throw Error(ErrorKind::invalid_argument,
-                            fmt::format("--range '{}': give the low value first", text));
+                            fmt::format("--color '{}': give numbers from 0 to 255", text));
             }
-            o.range = {v[0], v[1]};
-        },
-        "values of the first and the last colour [those of the mesh]", "LOW,HIGH");
-    add_parsed(
-        c, "--color",
-        [&o](const std::string& text) {
-            const std::vector<double> rgb = parse_numbers("--color", text, 3, "R,G,B");
-            for (std::size_t i = 0; i < 3; ++i) {
-                if (rgb[i] < 0 || rgb[i] > 255) {
-                    throw Error(ErrorKind::invalid_argument,
-                                fmt::format("--color '{}': give numbers from 0 to 255", text));
-                }
-                o.color.at(i) = static_cast<int>(rgb[i]);
-            }
-        },
-        "of the surface, each 0 to 255 [110,156,204]", "R,G,B");
+            o.color.at(i) = static_cast<int>(rgb[i]);
+        }
+    });
     add_memory(c, o.memory);
     c->callback([a, c, &chosen] {
         for (const char* const option : {"--colors", "--range"}) {

@@ -1,5 +1,6 @@
 // isonest preprocess: from a volume file to a store.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <filesystem>
@@ -13,13 +14,13 @@
 #include "preprocess/ranks/preprocess_on_ranks.h"
 #include "store/container/format.h"
 #include "store/ranks/communicator.h"
-#include "tools/cli/command.h"
-#include "tools/cli/options/fields.h"
+#include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
-#include "tools/cli/terminal/leftovers.h"
-#include "tools/cli/terminal/paraview_hint.h"
+#include "tools/cli/program.h"
+#include "tools/cli/terminal/interrupt.h"
+#include "tools/cli/terminal/terminal_text.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -102,13 +103,9 @@ Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
     if (ranks != nullptr && result.json.contains("remote")) {
         result.rank["remote"] = result.json["remote"];
     }
-    result.text += volume.labels
-                       ? "VTK and ParaView do not open a store of 64-bit labels; isonest export "
-                         "writes them as a volume (.vti, .nrrd)\n"
-                       : paraview_hint(a.store);
     if (r.resumed_chunks > 0) {
         result.text +=
-            fmt::format("{} chunks were taken over from an interrupted run\n", r.resumed_chunks);
+            fmt::format("{} chunks were reused from an interrupted run\n", r.resumed_chunks);
     }
     return result;
 }
@@ -120,27 +117,25 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
     CLI::App* const c = add_command(
         app, chosen, "preprocess",
         {"Turn a volume into a store: all levels, with the error of every node",
-         "INPUT is a file, a folder of slices, the slices themselves (scan/*.tif), a URL (of some\n"
-         "formats), or - for standard input. What it is, its first bytes tell; `isonest --version` "
-         "lists the formats that are "
-         "read.\n"
-         "Raw numbers (also gzip) need --dims and --type. NaN means missing data. Every input byte "
-         "is\n"
-         "read once, and the volume may be larger than memory.",
+         "The format of INPUT is detected from the first bytes; `isonest --version` lists those "
+         "that are read. Raw numbers (also gzip) need --dims and --type. NaN means missing data. "
+         "Every input byte is read once, and the volume may be larger than memory. After an "
+         "interruption, a run with --resume continues. With --labels, 64-bit integers are kept as "
+         "they are (0 to 2^62 - 1), others as float64 (up to 2^53), with names and colours where "
+         "the input has them.\n\nIndicators: " +
+             list_names(all_fields()) + "; nodes (all but those of cells, hex_...); all.\n\n" +
+             paraview_hint(),
          "isonest preprocess scan.h5 -o scan.isonest\n"
          "isonest preprocess scan.h5 --dataset /entry/data -o scan.isonest --memory 8G\n"
          "isonest preprocess organs.seg.nrrd --labels -o organs.isonest\n"
-         "isonest preprocess head.raw.gz --dims 256,256,113 --type uint16 --endian big "
-         "--spacing 1,1,2 -o head.isonest"});
-    c->add_option("INPUT", a->input, "the volume: a file, a folder, slices, or a URL")->required();
-    c->add_option("-o,--output", a->store, "the store to write")->required()->type_name("STORE");
+         "isonest preprocess head.raw.gz --dims 256,256,113 --type uint16 --spacing 1,1,2 -o "
+         "head.isonest"});
+    c->add_option("INPUT", a->input)->required();
+    c->add_option("-o,--output", a->store)->required();
     add_source_options(c, a->source);
-    add_parsed(
-        c, "--label-names", [a](const std::string& text) { a->source.label_names = text; },
-        "a table of names and colours of labels, in place of the input's:\n"
-        "of FreeSurfer, 3D Slicer, ITK-SNAP, or lines of ID NAME",
-        "FILE")
-        ->needs(c->get_option("--labels"));
+    add_parsed(c, "--label-names", [a](const std::string& text) {
+        a->source.label_names = text;
+    })->needs(c->get_option("--labels"));
     PreprocessOptions& p = a->preprocess;
     add_memory(c, p.memory);
     add_threads(c, p.threads);
@@ -149,36 +144,28 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
         [&p](const std::string& text) {
             p.chunk = static_cast<int>(parse_integer("--chunk", text, kMinChunk, kMaxChunk));
         },
-        fmt::format("nodes per axis of a chunk, a power of two [{}]", p.chunk), "N");
+        fmt::format("{}", p.chunk));
     add_parsed(
         c, "--compression",
         [&p](const std::string& text) {
-            constexpr int kMost = 19;
-            p.compression = static_cast<int>(parse_integer("--compression", text, 1, kMost));
+            constexpr int kMax = 19;
+            p.compression = static_cast<int>(parse_integer("--compression", text, 1, kMax));
         },
-        fmt::format("zstd level, 1 to 19 [{}]", p.compression), "LEVEL");
+        fmt::format("{}", p.compression));
     add_parsed(
         c, "--indicators",
         [&p](const std::string& text) { p.fields = parse_indicators("--indicators", text); },
-        fmt::format("comma separated choice of {}; nodes: all but those of cells, which begin with "
-                    "hex; all [{}]",
-                    list_names(all_fields()), list_names(default_indicators())),
-        "NAMES");
-    c->add_flag("--exact", p.exact, "indicators in full precision, not rounded up to 16 bits");
-    c->add_flag("--force", p.force, "replace an existing store");
-    c->add_flag("--resume", p.resume,
-                "go on with what an interrupted run for the same store left; and if\n"
-                "this one is interrupted, leave what it has done");
+        fmt::format("{}", fmt::join(names_of(default_indicators()), ",")));
+    c->add_flag("--exact", p.exact);
+    c->add_flag("--force", p.force);
+    c->add_flag("--resume", p.resume);
     if (chosen.ranks != nullptr) {
-        c->add_option("--scratch", a->scratch,
-                      "for temporary files of each rank, best on a disk of its own machine; up to\n"
-                      "the size of its part of the store and a third of that [the store's folder]")
-            ->type_name("FOLDER");
+        c->add_option("--scratch", a->scratch);
     }
     add_remote_options(c, a->remote);
     c->callback([a, &chosen] {
         chosen.run = [a, ranks = chosen.ranks](Progress& progress) {
-            require_far(a->remote, a->input);
+            require_remote(a->remote, a->input);
             return run_beside_fetching(a->remote, [&] { return run(*a, ranks, progress); });
         };
         chosen.stages = {{"check the interrupted run", "checking the interrupted run", 0.1},

@@ -11,13 +11,12 @@
 #include "store/container/reader.h"
 #include "store/remote/object_url.h"
 #include "store/remote/open_location.h"
-#include "tools/cli/command.h"
 #include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/units.h"
-#include "tools/cli/terminal/leftovers.h"
-#include "tools/cli/terminal/shown_text.h"
+#include "tools/cli/program.h"
+#include "tools/cli/terminal/interrupt.h"
+#include "tools/cli/terminal/terminal_text.h"
 #include "tools/publish/check_server.h"
-#include "tools/publish/public_url.h"
 #include "tools/publish/site.h"
 
 namespace isonest::detail::cli {
@@ -73,10 +72,10 @@ std::string said_of(const std::vector<std::string>& values, std::size_t i) {
 
 void require_count(const char* option, const std::vector<std::string>& values, std::size_t stores) {
     if (values.size() > 1 && values.size() != stores) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} is given {} times for {} store{}: give it once, or once for "
-                                "each store",
-                                option, values.size(), stores, stores == 1 ? "" : "s"));
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("{} is given {} times for {} store{}; give it once, or once per store",
+                        option, values.size(), stores, stores == 1 ? "" : "s"));
     }
 }
 
@@ -88,8 +87,8 @@ void check_counts(const PublishArguments& a) {
     require_count("--link", a.links, stores);
     if (a.links.size() == 1 && stores > 1 && !a.links[0].ends_with('/')) {
         throw Error(ErrorKind::invalid_argument,
-                    "--link is given once for several stores: end it with / if it is the folder "
-                    "that has all of them under their names, or give it once for each");
+                    "--link is given once for several stores: end it with / if it is the folder of "
+                    "all of them, or give it once per store");
     }
 }
 
@@ -110,12 +109,11 @@ std::string link_of(const PublishArguments& a, std::size_t i) {
 SiteStore described(const PublishArguments& a, std::size_t i, Progress& progress) {
     RemoteArguments remote;
     std::uint64_t memory = kMemory;
-    const Store opened = open_store(a.stores[i], remote, memory, progress);
+    const Store opened = open_required_store(a.stores[i], remote, memory, progress);
     const StoreReader& reader = opened.reader();
     if (reader.catalogue() == nullptr) {
         throw Error(ErrorKind::unsupported, {shown_location(a.stores[i])},
-                    fmt::format("is a store of version {}, without the footer by which a page "
-                                "opens one",
+                    fmt::format("is a store of version {}, without the footer that pages need",
                                 reader.version().text()),
                     {{RemedyKind::preprocess_again}});
     }
@@ -188,7 +186,7 @@ std::string frame_line(const SiteStore& store) {
 Result write(const PublishArguments& a, Progress& progress) {
     if (!publish::has_library(a.page)) {
         throw Error(ErrorKind::unsupported,
-                    "this build writes no sites: it was made without the library for pages",
+                    "this build cannot write sites: it has no library for pages",
                     {{RemedyKind::install_package, kPublishNeeds}});
     }
     if (a.output.empty()) {
@@ -254,7 +252,7 @@ Result check(const PublishArguments& a, Progress& progress) {
             {{"server", lines.server}, {"where", lines.where}, {"lines", lines.lines}});
     }
     result.text += found.is_right() ? "\nThis server shows it.\n"
-                                    : "\nThis server does not show it as it is.\n";
+                                    : "\nThis server cannot show it as it is configured.\n";
     result.exit_code = found.is_right() ? 0 : static_cast<int>(ErrorKind::unsupported);
     return result;
 }
@@ -274,56 +272,29 @@ void add_publish(CLI::App& app, Invocation& chosen, const std::vector<publish::P
     CLI::App* const c = add_command(
         app, chosen, "publish",
         {"Write a folder that shows stores on any web server",
-         "The viewer's page, the library that answers it inside of the browser, and the stores: "
-         "nothing\n"
-         "runs on the server, which only has to answer requests for parts of a file. With --check "
-         "it says\n"
-         "whether a server does, and what to change for nginx, Apache and S3; the exit code is "
-         "then 5 if\n"
-         "something is needed that it does not. The folder appears whole or not at all." +
+         "The folder holds the viewer's page, its library, which runs in the browser, and the "
+         "stores. The server only has to answer requests for parts of a file; --check tests "
+         "whether it does, and says what to change for nginx, Apache and S3 (exit code 5 if "
+         "something required is missing). One --link for all stores is their folder and ends with "
+         "/. The folder appears whole or not at all." +
              lacking,
          "isonest publish scan.isonest -o site\n"
          "isonest publish scan.isonest -o site --link https://example.org/data/scan.isonest\n"
-         "isonest publish head.isonest foot.isonest -o site --title Head --title Foot --license "
-         "'CC BY 4.0'\n"
+         "isonest publish head.isonest foot.isonest -o site --title Head --title Foot\n"
          "isonest publish --check https://example.org/site/"});
-    CLI::Option* const stores = c->add_option(
-        "STORE", a->stores, "made by isonest preprocess: files, or URLs as --link names them");
-    CLI::Option* const output =
-        c->add_option("-o,--output", a->output, "the folder to write")->type_name("FOLDER");
-    CLI::Option* const link =
-        c->add_option("--link", a->links,
-                      "where the store is on the web, in place of a copy in the folder: once for\n"
-                      "each store, or once for all, of their folder, with / at its end")
-            ->type_name("URL")
-            ->allow_extra_args(false);
-    CLI::Option* const hard = c->add_flag(
-        "--hard-link", a->hard_links,
-        "link the stores into the folder in place of copying them: takes no space, and\n"
-        "is possible within one file system");
+    CLI::Option* const stores = c->add_option("STORE", a->stores);
+    CLI::Option* const output = c->add_option("-o,--output", a->output);
+    CLI::Option* const link = c->add_option("--link", a->links)->allow_extra_args(false);
+    CLI::Option* const hard = c->add_flag("--hard-link", a->hard_links);
     std::vector<CLI::Option*> others{output, link, hard};
-    for (const auto& [name, values, words] :
-         {std::tuple{"--title", &a->titles,
-                     "shown above the picture; several stores: given once, it is the "
-                     "site's,\nelse given once for each store"},
-          std::tuple{"--description", &a->descriptions,
-                     "likewise; an empty line begins a paragraph"},
-          std::tuple{"--license", &a->licenses, "likewise"}}) {
-        others.push_back(
-            c->add_option(name, *values, words)->type_name("TEXT")->allow_extra_args(false));
+    for (const auto& [name, values] :
+         {std::pair{"--title", &a->titles}, std::pair{"--description", &a->descriptions},
+          std::pair{"--license", &a->licenses}}) {
+        others.push_back(c->add_option(name, *values)->allow_extra_args(false));
     }
-    others.push_back(
-        c->add_flag("--force", a->force, "replace a folder that isonest publish made"));
-    CLI::Option* const check_option =
-        c->add_option("--check", a->checked,
-                      "look at a server instead: the URL of a published folder, or of a store")
-            ->type_name("URL");
-    c->add_option("--origin", a->origin,
-                  fmt::format("of --check, for a store: the server of the page that is to read it\n"
-                              "[{}]",
-                              kAnyOrigin))
-        ->type_name("URL")
-        ->needs(check_option);
+    others.push_back(c->add_flag("--force", a->force));
+    CLI::Option* const check_option = c->add_option("--check", a->checked);
+    c->add_option("--origin", a->origin, kAnyOrigin)->needs(check_option);
     check_option->excludes(stores);
     for (CLI::Option* const other : others) {
         check_option->excludes(other);

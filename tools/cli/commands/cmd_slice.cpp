@@ -3,21 +3,24 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <array>
+#include <cctype>
+#include <filesystem>
 #include <memory>
+#include <vector>
 
 #include <isonest/error.h>
 #include <isonest/extract.h>
 #include <isonest/mesh_file.h>
 
-#include "query/extract/own_axes.h"
-#include "store/container/extent.h"
+#include "query/extract/extract_query.h"
+#include "store/container/format.h"
 #include "store/container/reader.h"
-#include "tools/cli/command.h"
+#include "tools/cli/commands/input_store.h"
 #include "tools/cli/options/extract_options.h"
-#include "tools/cli/options/fields.h"
-#include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/units.h"
-#include "tools/drawing/png_writer.h"
+#include "tools/cli/program.h"
+#include "tools/drawing/canvas.h"
 #include "tools/drawing/slice_picture.h"
 
 namespace isonest::detail::cli {
@@ -29,7 +32,7 @@ struct SliceArguments {
     SlicePictureOptions picture;  ///< its contours also if no picture is drawn
     bool has_range = false;
     std::string picture_option;  ///< one that is of pictures, or empty
-    RemoteArguments remote;
+    InputArguments in;
 };
 
 /// Whether the plane has a point of the volume.
@@ -37,11 +40,15 @@ bool meets_volume(const Store& store, const WorldPlane& plane) {
     const StoreHeader& h = store.reader().layout().header();
     const WorldPlane own = in_own_axes(plane, h);
     const Double3 last = last_position(h);
+    const Double3 changes = h.steps().changes(own.normal);
     double low = -own.offset;
     double high = low;
     for (std::size_t axis = 0; axis < 3; ++axis) {
         const double from = own.normal[axis] * h.origin[axis];
-        const double to = own.normal[axis] * last[axis];
+        const double to =
+            h.is_sheared()
+                ? from + changes[axis] * static_cast<double>(h.nodes[static_cast<int>(axis)] - 1)
+                : own.normal[axis] * last[axis];
         low += std::min(from, to);
         high += std::max(from, to);
     }
@@ -61,8 +68,8 @@ std::string empty_slice(const Store& store, const SliceArguments& a, bool is_lin
     }
     if (is_lines) {
         return fmt::format(
-            "There is no line: the values do not occur in the plane{}. Those of the volume are "
-            "{}.\n",
+            "There are no lines: the contour values do not occur in the plane{}; the values of the "
+            "volume are {}.\n",
             box ? " inside the box" : "", human_range(store.min_value(), store.max_value()));
     }
     return box ? "The slice is empty: the plane does not pass through the box, or what is there "
@@ -74,11 +81,12 @@ std::string empty_slice(const Store& store, const SliceArguments& a, bool is_lin
 ExtractReport run_contours(const Store& store, const SliceArguments& a, Progress& progress) {
     if (a.extract.cells.value_or(Cells::tetrahedra) != Cells::tetrahedra) {
         throw Error(ErrorKind::invalid_argument,
-                    "--contours: lines in a mesh are those of tetrahedra, without --cells");
+                    "--contours and --cells cannot be combined in a mesh: its lines are those of "
+                    "tetrahedra");
     }
     if (a.extract.normals || a.extract.vertex_error) {
         throw Error(ErrorKind::invalid_argument,
-                    "--contours: lines carry their value, no --normals and no --vertex-error");
+                    "--contours cannot be combined with --normals or --vertex-error in a mesh");
     }
     auto query = a.extract.query<ContourQuery>();
     query.plane = a.plane;
@@ -96,9 +104,7 @@ ExtractReport run_slice(const Store& store, const SliceArguments& a, MeshSink& s
     return extract(store, query, sink, options_of(a.extract), progress);
 }
 
-Result run(SliceArguments& a, Progress& progress) {
-    require_suitable_cells(a.extract);
-    const Store store = open_store(a.extract.store, a.remote, a.extract.options.memory, progress);
+Result slice_store(const Store& store, SliceArguments& a, Progress& progress) {
     if (!a.has_range) {
         a.picture.low = store.min_value();
         a.picture.high = store.max_value();
@@ -107,21 +113,21 @@ Result run(SliceArguments& a, Progress& progress) {
     const bool lines = !picture && !a.picture.contours.empty();
     if (!picture && a.picture.grid) {
         throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
-                    "--grid is drawn into a picture; give a name that ends with .png");
+                    "--grid needs a picture: give a name that ends with .png");
     }
     if (picture && a.extract.space != MeshSpace::automatic) {
         throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
-                    "--space is of the positions in a mesh; this is a picture");
+                    "--space needs a mesh, and this is a picture");
     }
     ExtractReport r;
     if (picture && (a.extract.normals || a.extract.vertex_error)) {
         throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
-                    fmt::format("{} goes with a mesh: a picture holds nothing of vertices",
+                    fmt::format("{} needs a mesh, and this is a picture",
                                 a.extract.normals ? "--normals" : "--vertex-error"));
     }
     if (!picture && !a.picture_option.empty()) {
         throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
-                    a.picture_option + " goes with a picture: an --output that ends with .png");
+                    a.picture_option + " needs a picture: give an --output that ends with .png");
     }
     if (picture) {
         a.picture.normal = a.plane.normal;
@@ -160,7 +166,34 @@ Result run(SliceArguments& a, Progress& progress) {
     if (r.triangles == 0) {
         result.text += empty_slice(store, a, lines);
     }
-    add_fetched(store, result);
+    return result;
+}
+
+/// Of names that end as pictures which are not written.
+void require_png(const std::string& name) {
+    constexpr std::array kPictures{".jpg",  ".jpeg", ".gif", ".bmp", ".tif",
+                                   ".tiff", ".webp", ".svg", ".pdf"};
+    std::filesystem::path path(name);
+    std::string end = path.extension().string();
+    std::transform(end.begin(), end.end(), end.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    if (std::find(kPictures.begin(), kPictures.end(), end) != kPictures.end()) {
+        throw Error(ErrorKind::invalid_argument, {name},
+                    fmt::format("pictures are written as .png: give -o {}",
+                                path.replace_extension(".png").string()));
+    }
+}
+
+Result run(SliceArguments& a, Progress& progress) {
+    require_png(a.extract.mesh);
+    require_suitable_cells(a.extract);
+    ExtractOptions& options = a.extract.options;
+    const InputStore input = open_or_make_store(
+        a.in, {{}, a.extract.mesh, fields_of(a.extract, true), 0, options.threads}, options.memory,
+        progress);
+    a.extract.store = input.name();
+    Result result = run_on(input, [&] { return slice_store(input.store(), a, progress); });
+    input.report(result);
     return result;
 }
 
@@ -178,81 +211,67 @@ std::vector<double> parse_contours(const std::string& text) {
 
 void add_slice(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<SliceArguments>();
-    CLI::App* const c = add_command(
-        app, chosen, "slice",
-        {"Write a plane through a store as a coloured mesh or a picture",
-         "The plane is made of triangles that are as large as the error allows; the mesh's "
-         "vertices\n"
-         "have the value. Ending with .png the output is a picture, else a mesh (.ply .vtp "
-         ".vtkhdf\n"
-         ".glb; .stl, .obj and .3mf hold no values).",
-         "isonest slice scan.isonest --plane 0,0,1,35 --error 2 -o slice.png --grid\n"
-         "isonest slice scan.isonest --plane 1,1,0,90 --error-relative 0.02 -o oblique.vtp\n"
-         "isonest slice scan.isonest --plane 0,1,0,40 -o lines.png --contours 80,120,160\n"
-         "isonest slice scan.isonest --plane 0,1,0,40 -o lines.vtp --contours 80,120,160"});
-    c->add_option("STORE", a->extract.store, "made by isonest preprocess: a file or a URL")
-        ->required();
+    CLI::App* const c =
+        add_command(app, chosen, "slice",
+                    {"Write a plane through the data as a coloured mesh or a picture",
+                     "The plane is made of triangles as large as the error allows; the vertices of "
+                     "a mesh have the value. The ending of OUT selects a picture (.png) or a mesh. "
+                     "A temporary store is made of a volume; --keep-store keeps it.",
+                     "isonest slice scan.isonest --plane 0,0,1,35 --error 2 -o slice.png --grid\n"
+                     "isonest slice scan.nrrd --plane 0,0,1,35 -o slice.png\n"
+                     "isonest slice scan.isonest --plane 1,1,0,90 --error 2% -o oblique.vtp\n"
+                     "isonest slice scan.isonest --plane 0,1,0,40 --contours 80,120 -o lines.vtp"});
+    add_input_options(c, a->in, false);
     add_extract_options(c, a->extract);
     a->extract.is_slice = true;
     add_cells_option(c, a->extract);
     add_space_option(c, a->extract);
-    add_parsed(
-        c, "--plane", [a](const std::string& text) { a->plane = parse_plane(text); },
-        "the plane x NX + y NY + z NZ = D, in the store's unit", "NX,NY,NZ,D")
-        ->required();
-    c->add_flag("--normals", a->extract.normals, "vertex normals: the plane's");
-    add_parsed(
-        c, "--vertex-error",
-        [a](const std::string& text) {
-            a->extract.vertex_error = parse_field("--vertex-error", text);
-        },
-        "this field at the vertices: how far they may be off", "FIELD");
+    add_parsed(c, "--plane", [a](const std::string& text) {
+        a->plane = parse_plane(text);
+    })->required();
+    c->add_flag("--normals", a->extract.normals);
+    add_parsed(c, "--vertex-error", [a](const std::string& text) {
+        a->extract.vertex_error = parse_field("--vertex-error", text);
+    });
     SlicePictureOptions& o = a->picture;
     add_parsed(
         c, "--size",
         [&o](const std::string& text) {
-            constexpr int kMost = 4096;
-            const std::vector<int> size = parse_size("--size", text, kMost);
+            constexpr int kMax = 4096;
+            const std::vector<int> size = parse_size("--size", text, kMax);
             o.width = size[0];
             o.height = size[1];
         },
-        "of the picture, pixels [800x800]", "WxH");
-    c->add_option("--colors", o.colors, color_help("of the picture", "viridis"))->type_name("NAME");
-    c->add_flag("--plain", o.plain, "a picture without axes and bar of the colours");
-    add_parsed(
-        c, "--range",
-        [a](const std::string& text) {
-            const std::vector<double> v = parse_numbers("--range", text, 2, "LOW,HIGH");
-            if (!(v[0] < v[1])) {
-                throw Error(ErrorKind::invalid_argument,
-                            fmt::format("--range '{}': give the low value first", text));
-            }
-            a->picture.low = v[0];
-            a->picture.high = v[1];
-            a->has_range = true;
-        },
-        "values of the first and the last colour [those of the data]", "LOW,HIGH");
-    c->add_flag("--grid", o.grid, "draw the triangles' edges into the picture");
-    add_parsed(
-        c, "--contours", [&o](const std::string& text) { o.contours = parse_contours(text); },
-        "lines at these values, drawn into the picture; a mesh (.vtp, .obj)\n"
-        "then holds the lines alone",
-        "V,V,...");
-    c->add_option("-o,--output", a->extract.mesh, "the mesh or picture to write")
-        ->required()
-        ->type_name("OUT");
-    add_remote_options(c, a->remote);
+        "800x800");
+    c->add_option("--colors", o.colors);
+    c->add_flag("--plain", o.plain);
+    add_parsed(c, "--range", [a](const std::string& text) {
+        const std::vector<double> v = parse_numbers("--range", text, 2, "LOW,HIGH");
+        if (!(v[0] < v[1])) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("--range '{}': give the low value first", text));
+        }
+        a->picture.low = v[0];
+        a->picture.high = v[1];
+        a->has_range = true;
+    });
+    c->add_flag("--grid", o.grid);
+    add_parsed(c, "--contours",
+               [&o](const std::string& text) { o.contours = parse_contours(text); });
+    c->add_option("-o,--output", a->extract.mesh)->required();
     c->callback([a, c, &chosen] {
+        note_source_option(*c, a->in);
         for (const char* const option : {"--size", "--colors", "--plain", "--range"}) {
             if (c->get_option(option)->count() > 0) {
                 a->picture_option = option;
             }
         }
         chosen.run = [a](Progress& progress) {
-            require_far(a->remote, {a->extract.store});
-            return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
+            require_remote(a->in.remote, a->in.input);
+            return run_beside_fetching(a->in.remote, [&] { return run(*a, progress); });
         };
-        chosen.stages = {{"extract", "cutting", 0.6}, {"write mesh", "writing", 0.4}};
+        chosen.stages =
+            with_store_stages({{"extract", "cutting", 0.6}, {"write mesh", "writing", 0.4}});
     });
 }
 

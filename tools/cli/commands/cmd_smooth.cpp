@@ -1,27 +1,309 @@
 // isonest smooth: nonlinear diffusion on adaptive grids (section 7 of the paper).
+
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <set>
+#include <span>
+#include <string>
+#include <vector>
 
 #include <isonest/error.h>
+#include <isonest/frame.h>
+#include <isonest/int3.h>
+#include <isonest/length_unit.h>
+#include <isonest/progress.h>
 
+#include "query/finite_elements/active_nodes.h"
+#include "query/finite_elements/grid_elements.h"
 #include "query/finite_elements/nonlinear_diffusion.h"
-#include "store/base/memory_budget.h"
+#include "store/base/memory.h"
+#include "store/base/vectors.h"
+#include "store/container/format.h"
+#include "store/exports/volume_file.h"
+#include "store/files/output_file.h"
+#include "store/lattice/lattice.h"
 #include "store/remote/open_location.h"
-#include "tools/cli/command.h"
-#include "tools/cli/commands/smooth_outputs.h"
 #include "tools/cli/commands/volume_values.h"
 #include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
-#include "tools/cli/terminal/leftovers.h"
+#include "tools/cli/program.h"
+#include "tools/cli/terminal/interrupt.h"
+#include "tools/drawing/canvas.h"
+#include "tools/drawing/slice_picture.h"
 
 namespace isonest::detail::cli {
+
+// What isonest smooth writes: functions and grids, as volume files or pictures.
+
+/// Where a function on a lattice lies, and how it is drawn.
+struct SmoothedPlace {
+    Lattice lattice;
+    Double3 spacing{1, 1, 1};
+    Double3 origin{0, 0, 0};
+    Directions direction = kAlongWorld;
+    double low = 0;   ///< value of the first colour
+    double high = 1;  ///< of the last
+    std::string colors = "viridis";
+    int width = 800;  ///< of a picture, pixels
+    int height = 800;
+    bool force = false;
+    std::optional<LengthUnit> unit = {};
+    AnatomicalFrame frame = AnatomicalFrame::unknown;
+};
+
+/// "dir/name-30.nrrd" for step 30 of "dir/name.nrrd".
+std::filesystem::path name_of_step(const std::filesystem::path& path, int step);
+
+/// Values of all nodes: .h5, .nrrd, .raw (float32), or, of data in a plane, .png. Throws Error{io,
+/// invalid_argument}.
+void write_values(const std::filesystem::path& path, const SmoothedPlace& place,
+                  std::span<const float> values);
+
+/// A grid: .h5, .nrrd, .raw (uint8, 1 at active nodes, else 0), or, of data in a plane, a .png with
+/// its triangles and these values. Throws Error{io, invalid_argument}.
+void write_grid(const std::filesystem::path& path, const SmoothedPlace& place, const NodeSet& grid,
+                std::span<const float> values);
+
+/// Throws Error{invalid_argument, not_found, io} if a name of these cannot be written: before any
+/// work.
+void check_smoothed(const std::filesystem::path& path, const SmoothedPlace& place,
+                    const std::vector<std::filesystem::path>& inputs);
+
+namespace {
+
+/// Hands rows of elements or vertices to a sink in batches.
+template <class Row>
+class Batch {
+  public:
+    explicit Batch(std::function<void(std::uint64_t first, std::span<const Row>)> send)
+        : send_(std::move(send)) {}
+    void add(const Row& row) {
+        rows_.push_back(row);
+        if (rows_.size() == MeshSink::kMaxRows) {
+            flush();
+        }
+    }
+    void flush() {
+        send_(first_, rows_);
+        first_ += rows_.size();
+        rows_.clear();
+    }
+
+  private:
+    std::function<void(std::uint64_t, std::span<const Row>)> send_;
+    std::uint64_t first_ = 0;
+    std::vector<Row> rows_;
+};
+
+/// A grid in a plane as a mesh with the attribute "value".
+class PlaneMesh {
+  public:
+    PlaneMesh(const SmoothedPlace& place, const NodeSet& grid, std::span<const float> values)
+        : place_(place), grid_(grid), values_(values) {}
+
+    void send(MeshSink& sink) const {
+        MeshLayout layout;
+        layout.vertices = grid_.count();
+        layout.attributes = {{"value", 1, false, 0}};
+        layout.row_bytes = sizeof(float);
+        layout.unit = place_.unit;
+        layout.frame = place_.frame;
+        const Int3 last = grid_.nodes() - Int3{1, 1, 1};
+        layout.lo = position({0, 0, 0});
+        layout.hi = position(last);
+        for_leaves([&](const NumberedElement<2>&) { ++layout.elements; });
+        sink.prepare(layout, {});
+        sink.begin(layout);
+        do {
+            send_vertices(sink);
+            send_elements(sink);
+        } while (sink.again());
+        sink.end();
+    }
+
+  private:
+    struct Vertex {
+        std::array<float, 3> position;
+        float value;
+    };
+    [[nodiscard]] std::array<float, 3> position(const Int3& p) const {
+        Double3 shift{};
+        for (std::size_t a = 0; a < 3; ++a) {
+            shift.at(a) = place_.spacing.at(a) * static_cast<double>(p[static_cast<int>(a)]);
+        }
+        shift = rotated(place_.direction, shift);
+        std::array<float, 3> out{};
+        for (std::size_t a = 0; a < 3; ++a) {
+            out.at(a) = static_cast<float>(place_.origin.at(a) + shift.at(a));
+        }
+        return out;
+    }
+    [[nodiscard]] Vertex vertex(const Int3& p) const {
+        return {position(p), values_[static_cast<std::size_t>(grid_.nodes().linear(p))]};
+    }
+    template <class Action>
+    void for_leaves(const Action& action) const {
+        LatticeNumbering numbering(grid_.nodes());
+        const ActiveNumbers active(grid_);
+        for_each_element<2>(
+            place_.lattice, WithinVolume{grid_.nodes() - Int3{1, 1, 1}},
+            [&](const Element<2>& t) { return active.indicator(t.ref_node(), Field::values) != 0; },
+            numbering, action);
+    }
+    static void split(std::span<const Vertex> rows, std::vector<std::array<float, 3>>& positions,
+                      std::vector<std::byte>& attributes) {
+        positions.clear();
+        attributes.resize(rows.size() * sizeof(float));
+        for (std::size_t i = 0; i < rows.size(); ++i) {
+            positions.push_back(rows[i].position);
+            std::memcpy(attributes.data() + i * sizeof(float), &rows[i].value, sizeof(float));
+        }
+    }
+    void send_vertices(MeshSink& sink) const {
+        std::vector<std::array<float, 3>> positions;
+        std::vector<std::byte> attributes;
+        Batch<Vertex> batch([&](std::uint64_t first, std::span<const Vertex> rows) {
+            split(rows, positions, attributes);
+            sink.add_vertices({first, positions, attributes, sizeof(float)});
+        });
+        const Int3 nodes = grid_.nodes();
+        for (std::int64_t row = 0; row < nodes.y * nodes.z; ++row) {
+            const Int3 p{0, row % nodes.y, row / nodes.y};
+            grid_.for_row(p, nodes.x, [&](std::int64_t x, std::uint64_t) {
+                batch.add(vertex({x, p.y, p.z}));
+            });
+        }
+        batch.flush();
+    }
+    void send_elements(MeshSink& sink) const {
+        std::vector<std::array<float, 3>> positions;
+        std::vector<std::byte> attributes;
+        std::vector<Vertex> corners;
+        std::vector<std::array<std::uint32_t, 3>> nearby;
+        Batch<std::array<Int3, 3>> batch([&](std::uint64_t first,
+                                             std::span<const std::array<Int3, 3>> rows) {
+            std::vector<std::array<std::uint64_t, 3>> numbers;
+            corners.clear();
+            nearby.clear();
+            for (const auto& t : rows) {
+                auto& n = numbers.emplace_back();
+                auto& c = nearby.emplace_back();
+                for (std::size_t i = 0; i < 3; ++i) {
+                    n.at(i) = grid_.number(t.at(i));
+                    c.at(i) = static_cast<std::uint32_t>(corners.size());
+                    corners.push_back(vertex(t.at(i)));
+                }
+            }
+            split(corners, positions, attributes);
+            sink.add_elements({first, numbers, nearby, {0, positions, attributes, sizeof(float)}});
+        });
+        for_leaves([&](const NumberedElement<2>& t) { batch.add(t.simplex.v); });
+        batch.flush();
+    }
+
+    const SmoothedPlace& place_;
+    const NodeSet& grid_;
+    std::span<const float> values_;
+};
+
+/// Draws the grid's triangles, with their edges or without.
+void draw(const std::filesystem::path& path, const SmoothedPlace& place, const NodeSet& grid,
+          std::span<const float> values, bool edges) {
+    SlicePictureOptions options;
+    for (std::size_t a = 0; a < 3; ++a) {
+        options.normal.at(a) = (place.lattice.flat_axes() >> a & 1U) != 0 ? 1 : 0;
+    }
+    options.low = place.low;
+    options.high = place.high > place.low ? place.high : place.low + 1;
+    options.colors = place.colors;
+    options.width = place.width;
+    options.height = place.height;
+    options.grid = edges;
+    SlicePicture picture(path, options);
+    PlaneMesh(place, grid, values).send(picture);
+}
+
+NodeSet all_nodes(const Lattice& lattice) {
+    NodeSet all(lattice.nodes());
+    for (std::int64_t i = 0; i < lattice.nodes().product(); ++i) {
+        all.insert(lattice.nodes().unlinear(i));
+    }
+    all.finish();
+    return all;
+}
+
+VolumeFileSpec spec_of(const SmoothedPlace& place, ValueType type) {
+    return {place.lattice.nodes(), type,        place.spacing, place.origin,
+            place.direction,       place.force, place.unit,    place.frame};
+}
+
+}  // namespace
+
+std::filesystem::path name_of_step(const std::filesystem::path& path, int step) {
+    return path.parent_path() /
+           fmt::format("{}-{}{}", path.stem().string(), step, path.extension().string());
+}
+
+void write_values(const std::filesystem::path& path, const SmoothedPlace& place,
+                  std::span<const float> values) {
+    if (is_png(path)) {
+        return draw(path, place, all_nodes(place.lattice), values, false);
+    }
+    const auto file = create_volume_file(path, spec_of(place, ValueType::f32));
+    file->write(reinterpret_cast<const std::byte*>(values.data()), place.lattice.nodes().z);
+    file->finish();
+}
+
+void write_grid(const std::filesystem::path& path, const SmoothedPlace& place, const NodeSet& grid,
+                std::span<const float> values) {
+    if (is_png(path)) {
+        return draw(path, place, grid, values, true);
+    }
+    const Int3 nodes = grid.nodes();
+    const auto file = create_volume_file(path, spec_of(place, ValueType::u8));
+    std::vector<std::uint8_t> plane(static_cast<std::size_t>(nodes.x * nodes.y));
+    for (std::int64_t z = 0; z < nodes.z; ++z) {
+        std::fill(plane.begin(), plane.end(), std::uint8_t{0});
+        for (std::int64_t y = 0; y < nodes.y; ++y) {
+            grid.for_row({0, y, z}, nodes.x, [&](std::int64_t x, std::uint64_t) {
+                plane[static_cast<std::size_t>(x + nodes.x * y)] = 1;
+            });
+        }
+        file->write(reinterpret_cast<const std::byte*>(plane.data()), 1);
+    }
+    file->finish();
+}
+
+void check_smoothed(const std::filesystem::path& path, const SmoothedPlace& place,
+                    const std::vector<std::filesystem::path>& inputs) {
+    std::string ending = path.extension().string();
+    std::transform(ending.begin(), ending.end(), ending.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    const bool plane = place.lattice.dimension() == 2;
+    if (ending == ".png" && !plane) {
+        throw Error(ErrorKind::invalid_argument, {path.string()},
+                    "pictures need data in a plane, and this is a volume",
+                    {{RemedyKind::other_format, ".h5, .nrrd, .raw"}});
+    }
+    if (ending != ".png" && ending != ".h5" && ending != ".hdf5" && ending != ".nrrd" &&
+        ending != ".raw") {
+        throw Error(
+            ErrorKind::invalid_argument, {path.string()}, "unknown ending",
+            {{RemedyKind::other_format, plane ? ".h5, .nrrd, .raw, .png" : ".h5, .nrrd, .raw"}});
+    }
+    check_output(path, place.force, inputs);
+}
+
 namespace {
 
 struct SmoothArguments {
@@ -60,7 +342,7 @@ VolumeValues open_values(SmoothArguments& a, Progress& progress) {
     }
     if (a.source.missing) {
         throw Error(ErrorKind::invalid_argument,
-                    "--missing: all values of a volume that is smoothed have to be numbers");
+                    "--missing: smoothing needs numbers everywhere, without missing values");
     }
     a.memory = memory;
     a.remote.opened = 0;
@@ -148,19 +430,18 @@ Result run(SmoothArguments& a, Progress& progress) {
             ErrorKind::invalid_argument,
             fmt::format("--snapshots {}: there are only {} steps", *a.snapshots.rbegin(), a.steps));
     }
-    const bool draws = std::filesystem::path(a.output).extension() == ".png" ||
-                       std::filesystem::path(a.grid).extension() == ".png";
+    const bool draws = is_png(a.output) || is_png(a.grid);
     if (!a.picture_option.empty() && !draws) {
-        throw Error(ErrorKind::invalid_argument,
-                    a.picture_option +
-                        " goes with a picture: an --output or --grid that ends "
-                        "with .png");
+        throw Error(
+            ErrorKind::invalid_argument,
+            a.picture_option + " needs a picture: give an --output or --grid that ends with .png");
     }
     const auto start = std::chrono::steady_clock::now();
     a.source.max_heap = a.memory / 4;
     VolumeValues input = open_values(a, progress);
     a.input = shown_location(a.input);
     const VolumeDescription d = input.describe();
+    require_right_angles(d.direction, a.input, "smoothing");
     SmoothedPlace place{Lattice(d.nodes), d.spacing, d.origin,  d.direction, 0,      1,
                         a.colors,         a.size[0], a.size[1], a.force,     d.unit, d.frame};
     if (place.lattice.dimension() == 0) {
@@ -221,13 +502,13 @@ Result run(SmoothArguments& a, Progress& progress) {
     return result;
 }
 
-constexpr int kMostSteps = 1'000'000;
+constexpr int kMaxSteps = 1'000'000;
 
 std::set<int> parse_snapshots(const std::string& text) {
     const auto count = static_cast<std::size_t>(std::count(text.begin(), text.end(), ',')) + 1;
     std::set<int> steps;
     for (const double v : parse_numbers("--snapshots", text, count, "N,N,...")) {
-        if (!(v >= 0) || v > kMostSteps || v != std::floor(v)) {
+        if (!(v >= 0) || v > kMaxSteps || v != std::floor(v)) {
             throw Error(ErrorKind::invalid_argument,
                         fmt::format("--snapshots '{}': give numbers of steps, 0 or more", text));
         }
@@ -252,70 +533,41 @@ void add_smooth(CLI::App& app, Invocation& chosen) {
     CLI::App* const c = add_command(
         app, chosen, "smooth",
         {"Smooth a volume or an image and keep its edges, on adaptive grids",
-         "Nonlinear diffusion (Perona and Malik) by linear finite elements: where the gradient is\n"
-         "well above --lambda little flows. Each step takes the grid of the nodes at which the\n"
-         "indicator grad_linf_bar is --threshold or more. All unknowns are held in memory.",
+         "Nonlinear diffusion (Perona and Malik) by linear finite elements: little flows where the "
+         "gradient is well above --lambda. Without edges, N steps of --tau T smooth like a "
+         "Gaussian of standard deviation sqrt(2 N T). Each step uses the grid of the nodes whose "
+         "indicator grad_linf_bar is at least --threshold. All unknowns are held in memory.",
          "isonest smooth scan.nrrd --steps 10 --tau 1 --lambda 20 -o smooth.nrrd\n"
-         "isonest smooth map.raw --dims 2401,1201 --type float32 --steps 20 --tau 1 --lambda 5 \\\n"
-         "    --threshold 1 --snapshots 0,5,10 --grid grid.png -o map.png"});
-    c->add_option("INPUT", a->input, "a volume that preprocess reads, or a store, a file or a URL")
-        ->required();
+         "isonest smooth map.npy --steps 20 --tau 1 --lambda 5 --threshold 1 -o map.png"});
+    c->add_option("INPUT", a->input)->required();
     add_source_options(c, a->source, false);
-    add_parsed(
-        c, "--steps",
-        [a](const std::string& text) {
-            a->steps = static_cast<int>(parse_integer("--steps", text, 0, kMostSteps));
-        },
-        "how many", "N")
-        ->required();
-    add_parsed(
-        c, "--tau",
-        [a](const std::string& text) { a->diffusion.tau = parse_at_least("--tau", text, false); },
-        "time of a step, in squares of world units: without edges, N steps smooth as a\n"
-        "Gaussian of standard deviation sqrt(2 N T) does",
-        "T")
-        ->required();
-    add_parsed(
-        c, "--lambda",
-        [a](const std::string& text) {
-            a->diffusion.lambda = parse_at_least("--lambda", text, false);
-        },
-        "the gradient at which half flows, in values per world unit", "L")
-        ->required();
-    add_parsed(
-        c, "--sigma",
-        [a](const std::string& text) { a->sigma = parse_at_least("--sigma", text, true); },
-        "the gradient is that of the function smoothed by this Gaussian, in world units;\n"
-        "0 = not smoothed [the smallest spacing]",
-        "S");
-    add_parsed(
-        c, "--threshold",
-        [a](const std::string& text) {
-            a->diffusion.threshold = parse_at_least("--threshold", text, true);
-        },
-        "nodes are left out where grad_linf_bar is below, in values per world unit;\n"
-        "0 = all nodes [0]",
-        "E");
-    add_parsed(
-        c, "--snapshots", [a](const std::string& text) { a->snapshots = parse_snapshots(text); },
-        "write these steps too, as OUT-N", "N,N,...");
-    c->add_option("--grid", a->grid,
-                  "the grid of the result: 1 at its nodes, 0 elsewhere (uint8), or, in a plane,\n"
-                  "a .png of its triangles")
-        ->type_name("FILE");
-    c->add_option("--colors", a->colors, "of a picture [viridis]")->type_name("NAME");
+    add_parsed(c, "--steps", [a](const std::string& text) {
+        a->steps = static_cast<int>(parse_integer("--steps", text, 0, kMaxSteps));
+    })->required();
+    add_parsed(c, "--tau", [a](const std::string& text) {
+        a->diffusion.tau = parse_at_least("--tau", text, false);
+    })->required();
+    add_parsed(c, "--lambda", [a](const std::string& text) {
+        a->diffusion.lambda = parse_at_least("--lambda", text, false);
+    })->required();
+    add_parsed(c, "--sigma",
+               [a](const std::string& text) { a->sigma = parse_at_least("--sigma", text, true); });
+    add_parsed(c, "--threshold", [a](const std::string& text) {
+        a->diffusion.threshold = parse_at_least("--threshold", text, true);
+    });
+    add_parsed(c, "--snapshots",
+               [a](const std::string& text) { a->snapshots = parse_snapshots(text); });
+    c->add_option("--grid", a->grid);
+    c->add_option("--colors", a->colors);
     add_parsed(
         c, "--size",
         [a](const std::string& text) {
-            constexpr int kMost = 4096;
-            a->size = parse_size("--size", text, kMost);
+            constexpr int kMax = 4096;
+            a->size = parse_size("--size", text, kMax);
         },
-        "of a picture, pixels [800x800]", "WxH");
-    c->add_option("-o,--output", a->output,
-                  "the file to write: .h5, .nrrd, .raw (float32), in a plane also .png")
-        ->required()
-        ->type_name("OUT");
-    c->add_flag("--force", a->force, "replace existing files");
+        "800x800");
+    c->add_option("-o,--output", a->output)->required();
+    c->add_flag("--force", a->force);
     add_memory(c, a->memory);
     add_threads(c, a->diffusion.threads);
     add_remote_options(c, a->remote);
@@ -327,7 +579,7 @@ void add_smooth(CLI::App& app, Invocation& chosen) {
             }
         }
         chosen.run = [a](Progress& progress) {
-            require_far(a->remote, {a->input});
+            require_remote(a->remote, {a->input});
             return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
         };
     });

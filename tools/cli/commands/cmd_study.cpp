@@ -12,12 +12,11 @@
 
 #include "query/study/study.h"
 #include "store/files/output_file.h"
-#include "tools/cli/command.h"
 #include "tools/cli/options/extract_options.h"
-#include "tools/cli/options/fields.h"
 #include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/units.h"
-#include "tools/cli/terminal/leftovers.h"
+#include "tools/cli/program.h"
+#include "tools/cli/terminal/interrupt.h"
 #include "tools/drawing/plot.h"
 
 namespace isonest::detail::cli {
@@ -226,7 +225,7 @@ std::vector<StudyField> parse_study_fields(const std::string& text) {
 }
 
 Result run(StudyArguments& a, Progress& progress) {
-    const Store opened = open_store(a.store, a.remote, a.study.memory, progress);
+    const Store opened = open_required_store(a.store, a.remote, a.study.memory, progress);
     const StoreReader& store = opened.reader();
     if (a.study.fields.empty()) {
         for (const Field field : store.layout().header().fields) {
@@ -285,66 +284,42 @@ void add_study(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<StudyArguments>();
     CLI::App* const c = add_command(
         app, chosen, "study",
-        {"Compare a store's indicators: how many elements for how much error",
-         "For thresholds from 1 down, as fractions of each field's largest value, the elements of "
-         "the\n"
-         "adaptive mesh of the whole volume, the cells of all levels that a traversal visits to "
-         "find\n"
-         "them, the error of the function on the mesh in three norms, and the efficiency 1 / (k "
-         "error),\n"
-         "k being the elements, or the visited cells as in the paper: as study.csv and as plots "
-         "(.svg\n"
-         "and .png). The volume must fit into the memory, 20 bytes a node.",
+        {"Compare the indicators of a store: how many elements for which error",
+         "For each field and for thresholds from its largest value down: the elements of the "
+         "adaptive mesh of the volume, the cells that a traversal visits to find them, the error "
+         "of the function on the mesh in three norms, and the efficiency 1 / (elements or visited "
+         "cells x error), as study.csv and as plots (.svg, .png). --fields also takes lp:P_bar, "
+         "grad_lp:P_bar (P from 1 to inf), gradient_bar and curvature_bar, or with _plus, which "
+         "are computed. The volume must fit into memory, in 20 bytes a node.",
          "isonest preprocess map.h5 --indicators all -o map.isonest\n"
          "isonest study map.isonest --out map-study\n"
-         "isonest study head.isonest --fields linf_bar,normal_bar --iso 120 --out head-study\n"
+         "isonest study head.isonest --fields linf_bar,normal_bar --iso 120 --out study\n"
          "isonest study head.isonest --plane 0,0,1,40 --out slice-study"});
-    c->add_option("STORE", a->store, "made by isonest preprocess: a file or a URL")->required();
-    c->add_option("-o,--out", a->folder, "the folder for the table and the plots")
-        ->required()
-        ->type_name("FOLDER");
+    c->add_option("STORE", a->store)->required();
+    c->add_option("-o,--out", a->folder)->required();
     StudyOptions& s = a->study;
-    add_parsed(
-        c, "--fields", [&s](const std::string& text) { s.fields = parse_study_fields(text); },
-        "the fields to compare, with commas [all of the store]; those of cells by\n"
-        "hexahedra or quadrilaterals, others by tetrahedra or triangles; lp:P_bar,\n"
-        "grad_lp:P_bar (any P from 1 to inf), gradient_bar and curvature_bar\n"
-        "(also _plus) are computed from the values",
-        "NAMES");
-    add_parsed(
-        c, "--iso", [&s](const std::string& text) { s.iso = parse_number("--iso", text); },
-        "also count what extracting this isosurface visits", "V");
-    add_parsed(
-        c, "--plane",
-        [&s](const std::string& text) {
-            const std::vector<double> v = parse_numbers("--plane", text, 4, "NX,NY,NZ,D");
-            s.plane = WorldPlane{{v[0], v[1], v[2]}, v[3]};
-        },
-        "the mesh of the slice x NX + y NY + z NZ = D and its error, in place\n"
-        "of the whole volume's",
-        "NX,NY,NZ,D");
-    add_parsed(
-        c, "--norm", [&s](const std::string& text) { s.power = parse_number("--norm", text); },
-        "also the errors of value and gradient in L^P, integrated exactly", "P");
-    c->add_flag("--graph-distance", s.graphs,
-                "also the distance of the graphs of the data and of the mesh; takes long\n"
-                "where the error is large");
-    add_parsed(
-        c, "--steps",
-        [&s](const std::string& text) {
-            constexpr int kMost = 1000;
-            s.steps = static_cast<int>(parse_integer("--steps", text, 2, kMost));
-        },
-        "number of thresholds [25]", "N");
-    add_parsed(
-        c, "--least", [&s](const std::string& text) { s.least = parse_number("--least", text); },
-        "the least threshold [1e-4]", "T");
+    add_parsed(c, "--fields",
+               [&s](const std::string& text) { s.fields = parse_study_fields(text); });
+    add_parsed(c, "--iso", [&s](const std::string& text) { s.iso = parse_number("--iso", text); });
+    add_parsed(c, "--plane", [&s](const std::string& text) {
+        const std::vector<double> v = parse_numbers("--plane", text, 4, "NX,NY,NZ,D");
+        s.plane = WorldPlane{{v[0], v[1], v[2]}, v[3]};
+    });
+    add_parsed(c, "--norm",
+               [&s](const std::string& text) { s.power = parse_number("--norm", text); });
+    c->add_flag("--graph-distance", s.graphs);
+    add_parsed(c, "--steps", [&s](const std::string& text) {
+        constexpr int kMax = 1000;
+        s.steps = static_cast<int>(parse_integer("--steps", text, 2, kMax));
+    });
+    add_parsed(c, "--least",
+               [&s](const std::string& text) { s.least = parse_number("--least", text); });
     add_memory(c, s.memory);
     add_threads(c, s.threads);
     add_remote_options(c, a->remote);
     c->callback([a, &chosen] {
         chosen.run = [a](Progress& progress) {
-            require_far(a->remote, {a->store});
+            require_remote(a->remote, {a->store});
             return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
         };
     });

@@ -6,20 +6,23 @@
 #include <unistd.h>
 
 #include <cstdio>
+#include <cstdlib>
+#include <filesystem>
 #include <memory>
 #include <optional>
+#include <string>
+#include <system_error>
 #include <thread>
 
 #include <isonest/error.h>
 #include <isonest/store.h>
 
-#include "store/remote/open_location.h"
-#include "tools/cli/command.h"
-#include "tools/cli/options/remote_options.h"
+#include "store/files/scratch_file.h"
+#include "tools/cli/commands/input_store.h"
 #include "tools/cli/options/units.h"
+#include "tools/cli/program.h"
 #include "tools/cli/terminal/interrupt.h"
 #include "tools/view/http_server.h"
-#include "tools/view/listed_folders.h"
 #include "tools/view/view_service.h"
 
 namespace isonest::detail::cli {
@@ -28,12 +31,12 @@ namespace {
 using view::Access;
 using view::HttpServer;
 
-constexpr std::uint64_t kLeastMemory = std::uint64_t{512} << 20U;
+constexpr std::uint64_t kMinMemory = std::uint64_t{512} << 20U;
 constexpr std::uint16_t kFirstPort = 7310;
 constexpr std::uint16_t kLastPort = 7329;
 
 struct ViewArguments {
-    std::string store;
+    InputArguments in;
     std::string address = "127.0.0.1";
     std::optional<std::uint16_t> port;
     bool open = false;
@@ -41,7 +44,6 @@ struct ViewArguments {
     bool json = false;
     std::uint64_t memory = std::uint64_t{1} << 30U;
     int threads = 0;
-    RemoteArguments remote;
 };
 
 /// Ends with the server, and shows nothing: who waits for the network are the page's requests.
@@ -100,30 +102,75 @@ bool open_browser(const std::string& url) {
     return ::waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == 0;
 }
 
-void announce(const ViewArguments& a, const std::string& url) {
+void announce(const ViewArguments& a, const InputStore& input, const std::string& url) {
     const std::string text =
-        a.json ? Json{{"url", url}, {"store", shown_location(a.store)}, {"pid", ::getpid()}}.dump(
+        a.json ? Json{{"url", url}, {"store", input.name()}, {"pid", ::getpid()}}.dump(
                      -1, ' ', false, Json::error_handler_t::replace) +
                      "\n"
-               : fmt::format("{}\nCtrl-C ends it.\n", url);
+               : fmt::format("{}\nPress Ctrl-C to stop.\n", url);
     if (std::fputs(text.c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
         throw Error(ErrorKind::io, "cannot write to standard output");
     }
 }
 
-Result run(ViewArguments& a) {
-    if (a.memory < kLeastMemory) {
-        throw Error(ErrorKind::limit, {shown_location(a.store)},
-                    fmt::format("{} of memory are too little for a window",
+/// Where the store of a volume lies while it is looked at: the page's service watches the file.
+class StoreFolder {
+  public:
+    StoreFolder() {
+        std::string name = (temporary_folder() / "isonest-view-XXXXXX").string();
+        if (::mkdtemp(name.data()) == nullptr) {
+            throw Error(ErrorKind::io, {name}, "cannot create a folder for the store");
+        }
+        path_ = name;
+        view::list_folder(path_);
+    }
+    StoreFolder(const StoreFolder&) = delete;
+    StoreFolder& operator=(const StoreFolder&) = delete;
+    ~StoreFolder() {
+        std::error_code ignored;
+        std::filesystem::remove_all(path_, ignored);
+    }
+    [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+
+  private:
+    std::filesystem::path path_;
+};
+
+/// "scan.isonest", of the store of the volume "data/scan.nii.gz".
+std::string store_name(const std::string& volume) {
+    const std::string name = std::filesystem::path(volume).filename().string();
+    const std::string stem = name.substr(0, name.find('.', 1));
+    return (stem.empty() || stem == "-" ? "volume" : stem) + ".isonest";
+}
+
+Result run(ViewArguments& a, Progress& progress) {
+    if (a.memory < kMinMemory) {
+        throw Error(ErrorKind::limit, {a.in.shown()},
+                    fmt::format("{} of memory is not enough for the viewer",
                                 human_bytes(static_cast<double>(a.memory))),
-                    {{RemedyKind::more_memory, fmt::format("{}", kLeastMemory)}});
+                    {{RemedyKind::more_memory, fmt::format("{}", kMinMemory)}});
     }
     // WorkLane returns freed memory by malloc_trim(), which gives back the end of the first arena
     // alone: so all threads share that one. An answer takes some ten thousand blocks, few enough
     // for threads not to wait for each other.
     ::mallopt(M_ARENA_MAX, 1);
     WhileServing serving;
-    const Store store = open_store(a.store, a.remote, a.memory, serving);
+    // A store elsewhere asks what it was opened with as long as it is open.
+    std::optional<StoreFolder> folder;
+    InputStore input{open_if_store(a.in, a.memory, serving), {}};
+    if (!input.opened) {
+        const std::unique_ptr<VolumeSource> volume =
+            open_input_volume(a.in, a.memory, temporary_folder(), progress);
+        std::filesystem::path name = a.in.keep;
+        if (name.empty()) {
+            folder.emplace();
+            name = folder->path() / store_name(a.in.shown());
+        }
+        input.made.emplace(make_store_of(*volume, a.in.shown(),
+                                         {name, {}, default_indicators(), a.memory, a.threads},
+                                         progress));
+    }
+    const Store& store = input.store();
     const view::MemoryShares shares(a.memory);
     view::HttpLimits limits;
     limits.answer_bytes = shares.sending;
@@ -140,14 +187,13 @@ Result run(ViewArguments& a) {
         view::ViewService service(store, shares, a.threads, access,
                                   [&server] { return server->connections(); });
         before_a_bus_error_ends_the_program(&view::remove_listed_folders);
-        announce(a, url);
+        announce(a, input, url);
         if (a.open) {
             // Where no browser runs yet, the desktop's program may last as long as the new one.
             std::thread([url] {
                 if (!open_browser(url) && !interrupted()) {
-                    std::fputs(
-                        "isonest: warning: no browser could be opened: open the URL by hand\n",
-                        stderr);
+                    std::fputs("isonest: warning: cannot open a browser; open the URL yourself\n",
+                               stderr);
                 }
             }).detach();
         }
@@ -165,42 +211,37 @@ Result run(ViewArguments& a) {
 
 void add_view(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<ViewArguments>();
-    CLI::App* const c = add_command(
-        app, chosen, "view",
-        {"Look at a store in a window of the browser",
-         "Serves a page with the surface, slices and the histogram, and prints its URL. What is "
-         "on\n"
-         "the screen always says how wrong it can be. Only this machine can open the page, unless\n"
-         "--address names another one; the URL then holds a token. Ctrl-C ends the server; so "
-         "does\n"
-         "a signal, with exit code 0. With --json the first line says the URL.",
-         "isonest view scan.isonest\n"
-         "isonest view scan.isonest --open\n"
-         "isonest view https://example.org/scan.isonest --cache ~/.cache/isonest:2G\n"
-         "isonest view scan.isonest --address 0.0.0.0 --port 8080 --memory 2G"});
-    c->add_option("STORE", a->store, "made by isonest preprocess: a file or a URL")->required();
+    CLI::App* const c =
+        add_command(app, chosen, "view",
+                    {"Look at a store or a volume in the browser",
+                     "Serves a page with the surface, slices and the histogram, and prints its URL "
+                     "(with --json in the first line). The page always shows how large the error "
+                     "of the picture can be. Only this machine can open it, unless --address names "
+                     "another interface; the URL then holds a token. Ctrl-C or a signal ends the "
+                     "server, with exit code 0. A temporary store is made of a volume.",
+                     "isonest view scan.isonest\n"
+                     "isonest view scan.nii.gz --open\n"
+                     "isonest view https://example.org/scan.isonest --cache ~/.cache/isonest:2G\n"
+                     "isonest view scan.isonest --address 0.0.0.0 --port 8080 --memory 2G"});
+    add_input_options(c, a->in, false);
     add_parsed(
         c, "--port",
         [a](const std::string& text) {
-            constexpr int kMost = 65535;
-            a->port = static_cast<std::uint16_t>(parse_integer("--port", text, 0, kMost));
+            constexpr int kMax = 65535;
+            a->port = static_cast<std::uint16_t>(parse_integer("--port", text, 0, kMax));
         },
-        fmt::format("to listen on; 0 = any that is free [the first free one from {} on]",
-                    kFirstPort),
-        "P");
-    c->add_option("--address", a->address,
-                  "of the network interface; 0.0.0.0 = all of them [127.0.0.1]")
-        ->type_name("IP");
-    c->add_flag("--token", a->token, "ask for a token on this machine too (it has other users)");
-    c->add_flag("--open", a->open, "open the page in the desktop's browser");
+        fmt::format("from {}", kFirstPort));
+    c->add_option("--address", a->address);
+    c->add_flag("--token", a->token);
+    c->add_flag("--open", a->open);
     add_memory(c, a->memory);
     add_threads(c, a->threads);
-    add_remote_options(c, a->remote);
-    c->callback([a, &chosen] {
-        chosen.run = [a, &chosen](Progress& /*progress*/) {
-            require_far(a->remote, {a->store});
+    c->callback([a, c, &chosen] {
+        note_source_option(*c, a->in);
+        chosen.run = [a, &chosen](Progress& progress) {
+            require_remote(a->in.remote, a->in.input);
             a->json = chosen.json;
-            return run(*a);
+            return run(*a, progress);
         };
     });
 }

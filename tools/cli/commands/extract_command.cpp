@@ -1,7 +1,6 @@
 #include "tools/cli/commands/extract_command.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <limits>
@@ -12,79 +11,19 @@
 #include <isonest/march.h>
 #include <isonest/mesh_file.h>
 
+#include "query/extract/combinations.h"
+#include "store/remote/open_location.h"
+#include "tools/cli/options/label_names.h"
 #include "tools/cli/options/source_options.h"
+#include "tools/cli/options/surface_options.h"
 #include "tools/cli/options/units.h"
 
 namespace isonest::detail::cli {
 namespace {
 
-/// `what` needs a store.
-[[noreturn]] void refuse_without_store(const ExtractCommand& arguments, const char* what) {
-    throw Error(ErrorKind::invalid_argument, {arguments.extract.store},
-                std::string("is no store, which ") + what + " need", {{RemedyKind::make_store}});
-}
-
-void require_no_store(const ExtractCommand& a, bool has_iso) {
-    if (a.labels.one || a.labels.several) {
-        refuse_without_store(a, "surfaces of labels");
-    }
-    if (a.extract.is_graph) {
-        refuse_without_store(a, "graphs");
-    }
-    if (a.isovalues.all.size() > 1) {
-        refuse_without_store(a, "several isovalues at once");
-    }
-    if (!has_iso) {
-        throw Error(ErrorKind::invalid_argument, {a.extract.store}, "give the isovalue, --iso V");
-    }
-    // The library refuses the others, but knows nothing of these.
-    if (a.labels.smooth) {
-        refuse_without_store(a, "--smooth and surfaces of labels");
-    }
-    if (a.labels.keep_nodes) {
-        refuse_without_store(a, "--keep-nodes and surfaces of labels");
-    }
-    if (a.extract.error.guarantee != Guarantee::deviation) {
-        refuse_without_store(a, "errors and their --guarantee");
-    }
-}
-
-/// Names the options that a store is needed for.
-[[noreturn]] void rethrow_named(const Error& error, const ExtractCommand& a) {
-    const bool needs_store =
-        std::any_of(error.remedies().begin(), error.remedies().end(),
-                    [](const Remedy& r) { return r.kind == RemedyKind::make_store; });
-    if (!needs_store || a.store_options.empty()) {
-        throw Error(error);
-    }
-    throw Error(error.kind(), error.place(),
-                fmt::format("{}: {}", fmt::join(a.store_options, ", "), error.problem()),
-                error.remedies());
-}
-
-/// Says of a file that nothing describes that it is no store either.
-std::unique_ptr<VolumeSource> open_any_volume(const ExtractCommand& a,
-                                              const std::filesystem::path& scratch) {
-    try {
-        return open_input(a.input, scratch, a.source);
-    } catch (const Error& error) {
-        const bool is_unknown = !error.remedies().empty() &&
-                                (error.remedies().front().kind == RemedyKind::describe_numbers ||
-                                 error.remedies().front().kind == RemedyKind::download);
-        if (!is_unknown) {
-            throw;
-        }
-        throw Error(error.kind(), error.place(), "is no store; " + error.problem(),
-                    error.remedies());
-    }
-}
-
-/// Why there is no surface. The volume is read once more.
-std::string empty_volume(VolumeSource& volume, double iso, const ExtractOptions& options,
-                         Progress& progress) {
-    if (volume.sequential()) {
-        return fmt::format("The surface is empty: no cell has values on both sides of {}.\n", iso);
-    }
+/// "The surface is empty: every value is below 300; they are 0 to 255."
+std::string range_of_empty(VolumeSource& volume, double iso, const ExtractOptions& options,
+                           Progress& progress) {
     constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
     const auto [low, high] =
         finite_range(volume, options, progress).value_or(std::pair{kNone, kNone});
@@ -99,34 +38,30 @@ std::string empty_volume(VolumeSource& volume, double iso, const ExtractOptions&
                        human_range(low, high));
 }
 
-/// REQUIRES: require_no_store().
-Result extract_from_volume(ExtractCommand arguments, Progress& progress) {
-    ExtractArguments& a = arguments.extract;
-    a.mesh = mesh_name(a.mesh, arguments.isovalues.texts.front());
-    const std::optional<Store> others = open_values(arguments, progress);
-    reach_volume(arguments.input, arguments.remote, a.options.memory, arguments.source, progress);
-    const ExtractOptions options = options_of(a);
-    // As preprocess does: a quarter of the budget for chunks of the input.
-    arguments.source.max_heap = options.memory / 4;
-    const std::unique_ptr<VolumeSource> volume = open_any_volume(arguments, options.scratch);
-    const VolumeDescription description = volume->describe();
-    arguments.distance.resolve(description.unit, description.name);
-    const SurfaceQuery query = arguments.surface_query(others ? &*others : nullptr);
-    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, a.file_options());
-    const ExtractReport report = isonest::extract(*volume, query, *sink, options, progress);
-    ExtractOrigin origin{nullptr, volume.get(), description.unit, description.frame, {}};
-    if (report.triangles == 0) {
-        origin.why_empty = empty_volume(*volume, query.iso, options, progress);
+/// Why there is no surface. The volume is read once more; one that is read in order alone is
+/// opened again, unless it was a pipe or a URL.
+std::string empty_volume(VolumeSource& volume, const InputArguments& in, double iso,
+                         const ExtractOptions& options, Progress& progress) {
+    if (volume.sequential()) {
+        const bool is_file =
+            std::none_of(in.input.begin(), in.input.end(),
+                         [](const std::string& name) { return name == "-" || is_url(name); });
+        if (!is_file) {
+            return fmt::format("The surface is empty: no cell has values on both sides of {}.\n",
+                               iso);
+        }
+        const std::unique_ptr<VolumeSource> again =
+            open_input(in.input, options.scratch, in.source);
+        return range_of_empty(*again, iso, options, progress);
     }
-    Result result = result_of(origin, arguments, report);
-    add_fetched(*volume, result);
-    if (others && others->is_remote()) {
-        result.json["remote_values"] = fetched_json(others->fetched());
-    }
-    return result;
+    return range_of_empty(volume, iso, options, progress);
 }
 
 }  // namespace
+
+bool ExtractCommand::is_simplified() const {
+    return !extract.is_graph && effort_of(features_of(surface_query(nullptr))) != Effort::none;
+}
 
 SurfaceQuery ExtractCommand::surface_query(const Store* others) const {
     const ExtractArguments& a = extract;
@@ -135,22 +70,14 @@ SurfaceQuery ExtractCommand::surface_query(const Store* others) const {
     query.grid = {a.cells, vertices, bound, culling};
     if (distance.by_error && distance.distance) {
         throw Error(ErrorKind::invalid_argument,
-                    "--by error goes without --distance: the triangles are the nested grid's");
+                    "--by error and --distance cannot be combined: choose what --triangles makes "
+                    "small");
     }
-    if (distance.simplify && !distance.by_error) {
-        if (a.error.value == 0) {
-            throw Error(ErrorKind::invalid_argument,
-                        "--simplify goes with --error or --error-relative, above 0, or with "
-                        "--triangles N --by error; --distance simplifies by itself");
-        }
-        query.stop = SimplifiedErrorBound{a.error};
-    }
-    distance.require_sense();
     query.stop = distance.stop().value_or(query.stop);
+    query.effort = distance.effort;
     query.stages = {close, components};
     if (distance.analysis && !distance.stop()) {
-        throw Error(ErrorKind::invalid_argument,
-                    "--keep-analysis goes with --distance or --triangles");
+        throw Error(ErrorKind::invalid_argument, "--keep-analysis needs --distance or --triangles");
     }
     query.analysis = distance.analysis;
     query.volume_interval = volume_interval;
@@ -160,20 +87,215 @@ SurfaceQuery ExtractCommand::surface_query(const Store* others) const {
 std::optional<Store> open_values(ExtractCommand& arguments, Progress& progress) {
     std::optional<Store> others;
     if (!arguments.values.empty()) {
-        others.emplace(open_store(arguments.values, arguments.remote,
-                                  arguments.extract.options.memory, progress,
-                                  arguments.input.front()));
+        others.emplace(open_required_store(arguments.values, arguments.in.remote,
+                                           arguments.extract.options.memory, progress,
+                                           arguments.in.input.front()));
     }
     return others;
 }
 
-Result extract_volume_file(ExtractCommand arguments, bool has_iso, Progress& progress) {
-    try {
-        require_no_store(arguments, has_iso);
-        return extract_from_volume(arguments, progress);
-    } catch (const Error& error) {
-        rethrow_named(error, arguments);
+bool needs_no_store(VolumeSource& volume, const ExtractCommand& arguments, bool has_iso) {
+    const LabelArguments& labels = arguments.labels;
+    if (!arguments.in.keep.empty() || !has_iso || arguments.extract.is_graph || labels.one ||
+        labels.several || labels.smooth || labels.keep_nodes || !arguments.values.empty() ||
+        arguments.isovalues.all.size() > 1 ||
+        arguments.extract.error.indicator != ErrorIndicator::deviation) {
+        return false;
     }
+    return march_memory(volume, arguments.surface_query(nullptr)).has_value();
+}
+
+std::vector<Field> fields_of(const ExtractCommand& arguments) {
+    std::vector<Field> fields = fields_of(
+        arguments.extract, arguments.extract.is_graph ||
+                               features_of(arguments.surface_query(nullptr))
+                                   .test(static_cast<std::size_t>(Feature::coarse_hexahedra)));
+    if (arguments.bound) {
+        fields.push_back(*arguments.bound);
+    }
+    if (arguments.culling) {
+        fields.push_back(arguments.culling->field.value_or(Field::normal_turn_plus));
+    }
+    return fields;
+}
+
+Result extract_from_volume(VolumeSource& volume, ExtractCommand arguments, Progress& progress) {
+    ExtractArguments& a = arguments.extract;
+    a.mesh = mesh_name(a.mesh, arguments.isovalues.texts.front());
+    const ExtractOptions options = options_of(a);
+    const VolumeDescription description = volume.describe();
+    arguments.distance.resolve(description.unit, description.name);
+    const SurfaceQuery query = arguments.surface_query(nullptr);
+    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, a.file_options());
+    const ExtractReport report = isonest::extract(volume, query, *sink, options, progress);
+    ExtractOrigin origin{nullptr, &volume, description.unit, description.frame, {}};
+    if (report.triangles == 0) {
+        origin.why_empty = empty_volume(volume, arguments.in, query.iso, options, progress);
+    }
+    Result result = result_of(origin, arguments, report);
+    add_fetched(volume, result);
+    return result;
+}
+
+namespace {
+
+/// Why there is none.
+std::string empty_surface(const Store& store, const ExtractCommand& arguments,
+                          const ExtractReport& r) {
+    const ExtractArguments& a = arguments.extract;
+    const double iso = arguments.isovalues.one();
+    const std::string range = range_text(store);
+    if (arguments.labels.one) {
+        return fmt::format("No node, or every node, has the label {}{}{}; the values are {}.\n",
+                           *arguments.labels.one, label_name_text(store, *arguments.labels.one),
+                           a.box ? " in the box" : "", range);
+    }
+    if (!(store.min_value() <= store.max_value())) {
+        return "The surface is empty: all values are missing.\n";
+    }
+    // What is closed is a solid, and may fill the whole volume.
+    const bool some_below = store.min_value() < iso || arguments.close == Outside::below;
+    const bool some_above = iso <= store.max_value() || arguments.close == Outside::above;
+    if (!a.is_graph && !(some_below && some_above)) {
+        return fmt::format("The surface is empty: {} value is below {}; they are {}.\n",
+                           iso <= store.min_value() ? "no" : "every", iso, range);
+    }
+    if (a.box && !reaches_volume(store, *a.box)) {
+        return "The surface is empty: the box lies outside of the volume, " + volume_text(store) +
+               ".\n";
+    }
+    const std::string inside = a.box ? " inside the box" : "";
+    if (r.tolerance > 0 || a.camera) {
+        return fmt::format(
+            "There is no surface{} at this tolerance; a smaller one may show some. The values are "
+            "{}.\n",
+            inside, range);
+    }
+    return fmt::format("The surface is empty{}: the values are {}{}.\n", inside, range,
+                       a.box ? " in the whole volume" : "");
+}
+
+/// "read 3 of 8 chunks, 1.2 MB".
+std::string read_text(const TraversalReport& r) {
+    return fmt::format("read {} of {} chunks, {}", r.chunks_read, r.chunks_total,
+                       human_bytes(static_cast<double>(r.bytes_read)));
+}
+
+/// "area 12.5 mm2, volume 3.25 mm3".
+std::string measures_text(std::optional<LengthUnit> of, const SurfaceMeasures& m) {
+    const std::string unit = unit_suffix(of);
+    const auto power = [&](int p) { return unit.empty() ? "" : fmt::format("{}{}", unit, p); };
+    return fmt::format("area {:.6g}{}, {}\n", m.area, power(2),
+                       m.volume ? fmt::format("volume {:.6g}{}", *m.volume, power(3))
+                                : "not closed, so it has no volume");
+}
+
+/// Between which volumes that at full resolution lies.
+std::string interval_text(std::optional<LengthUnit> of, const VolumeInterval& v) {
+    const std::string unit = unit_suffix(of);
+    return fmt::format("volume at full resolution between {:.6g} and {:.6g}{}\n", v.least, v.most,
+                       unit.empty() ? "" : unit + "3");
+}
+
+}  // namespace
+
+Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
+                 const ExtractReport& r) {
+    const ExtractArguments& a = arguments.extract;
+    const LabelArguments& labels = arguments.labels;
+    const bool has_iso = !arguments.isovalues.all.empty();
+    Result result;
+    result.warning = extract_warning(a, r);
+    result.json = extract_json(a, r);
+    add_distance_json(result.json, r);
+    result.json["unit"] = unit_json(origin.unit);
+    add_space_json(origin.frame, a, a.mesh, result.json);
+    if (origin.volume != nullptr) {
+        result.json["without_store"] = true;
+        result.json["notes"] = origin.volume->notes();
+    }
+    if (has_iso) {
+        result.json["iso"] = arguments.isovalues.one();
+    }
+    if (labels.one) {
+        result.json["label"] = *labels.one;
+        if (origin.store != nullptr) {
+            add_label_name(*origin.store, *labels.one, result.json);
+        }
+    }
+    if (r.smooth) {
+        add_smooth_json(*r.smooth, result.json);
+        result.json["scratch_bytes"] = r.scratch_bytes;
+        result.json["neighbours"] = Json::array();
+        for (const NeighbourLabel& neighbour : r.smooth->neighbours) {
+            result.json["neighbours"].push_back({{"id", neighbour.id}, {"area", neighbour.area}});
+        }
+    }
+    result.text =
+        fmt::format("{}: {} {}, {} vertices, in {}\n{}; {}\n", a.mesh, r.triangles,
+                    r.dimension == 2 && !a.is_graph ? "line segments" : "triangles", r.vertices,
+                    human_seconds(r.seconds),
+                    r.smooth ? sheets_text(r, unit_suffix(origin.unit)) + smooth_text(*r.smooth)
+                    : r.distance || r.within_budget ? distance_text(arguments.distance, r)
+                                                    : guarantee_text(a, r) + simplified_text(r),
+                    origin.volume != nullptr ? "straight from " + origin.volume->describe().name
+                                             : read_text(r.traversal));
+    result.text += analysis_text(r) + version_text(a.mesh) + space_line(origin.frame, a, a.mesh);
+    if (r.measures && r.triangles > 0) {
+        result.text += measures_text(origin.unit, *r.measures);
+        if (r.distance && r.distance->full) {
+            result.text += "at full resolution: " + measures_text(origin.unit, *r.distance->full);
+        }
+    }
+    if (r.volume_interval) {
+        result.json["full_volume_interval"] = {r.volume_interval->least, r.volume_interval->most};
+        result.text += interval_text(origin.unit, *r.volume_interval);
+    } else if (arguments.volume_interval) {
+        result.json["full_volume_interval"] = nullptr;
+    }
+    if (r.components) {
+        add_component_json(*r.components, result.json);
+        result.text += component_text(r);
+    }
+    if (r.closing) {
+        add_close_json(*r.closing, result.json);
+        if (r.triangles > 0) {
+            result.text +=
+                r.smooth ? smooth_close_text() : close_text(*r.closing, a.box.has_value());
+        }
+    }
+    if (r.triangles == 0 && (!r.components || r.components->dropped == 0)) {
+        result.text +=
+            origin.store != nullptr ? empty_surface(*origin.store, arguments, r) : origin.why_empty;
+    }
+    if (r.mending.mended > 0) {
+        result.text +=
+            fmt::format("{} triangles that degenerate in 32-bit floats were removed or repaired.\n",
+                        r.mending.mended);
+    }
+    if (r.mending.zero_area > 0) {
+        result.text += fmt::format(
+            "{} triangles have no area and cannot be repaired without opening the mesh.\n",
+            r.mending.zero_area);
+    }
+    if (r.apart.together > 0) {
+        result.text +=
+            fmt::format("{} vertices coincide with others: 32-bit floats cannot separate them.\n",
+                        r.apart.together);
+    }
+    if (r.quality && r.triangles > 0) {
+        constexpr double kPercent = 100;
+        result.text += fmt::format(
+            "Smallest angles of the triangles: {:.2g} degrees at least, {:.3g} in the middle; "
+            "{:.2g} % are below {}.\n",
+            r.quality->least, r.quality->median, kPercent * r.quality->narrow_share,
+            TriangleQuality::kNarrow);
+    }
+    for (const std::string& note :
+         origin.volume != nullptr ? origin.volume->notes() : std::vector<std::string>{}) {
+        result.text += fmt::format("note: {}\n", note);
+    }
+    return result;
 }
 
 }  // namespace isonest::detail::cli

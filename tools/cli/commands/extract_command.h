@@ -8,12 +8,11 @@
 #include <isonest/extract.h>
 #include <isonest/open_volume.h>
 
-#include "tools/cli/command.h"
-#include "tools/cli/options/distance_options.h"
+#include "tools/cli/commands/input_store.h"
 #include "tools/cli/options/extract_options.h"
-#include "tools/cli/options/isovalue_option.h"
 #include "tools/cli/options/label_options.h"
-#include "tools/cli/options/remote_options.h"
+#include "tools/cli/options/surface_options.h"
+#include "tools/cli/program.h"
 
 namespace isonest::detail::cli {
 
@@ -31,11 +30,7 @@ struct ExtractCommand {
     VertexPlace vertices = VertexPlace::linear;
     std::string values;  ///< a second store, or empty
     LabelArguments labels;
-    std::vector<std::string> input;               ///< a store, or a volume
-    SourceOptions source;                         ///< how to read a volume
-    std::string source_option = {};               ///< one of them that was given, or empty
-    std::vector<std::string> store_options = {};  ///< those given that are of stores alone
-    RemoteArguments remote = {};
+    InputArguments in;
 
     /// What surfaces and graphs have. `values`: the store of vertex values, or null.
     template <class Query>
@@ -53,7 +48,9 @@ struct ExtractCommand {
         }
         return query;
     }
-    /// Throws Error{invalid_argument} for options that do not go together.
+    /// Whether the mesh of a surface is simplified, as far as the options alone tell.
+    [[nodiscard]] bool is_simplified() const;
+    /// Throws Error{invalid_argument} for options that cannot be combined.
     [[nodiscard]] SurfaceQuery surface_query(const Store* others) const;
 };
 
@@ -70,9 +67,13 @@ struct ExtractOrigin {
 Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
                  const ExtractReport& r);
 
-/// The surface of a volume file. Throws what open_volume() and extract() throw, and
-/// Error{invalid_argument} for what needs a store.
-Result extract_volume_file(ExtractCommand arguments, bool has_iso, Progress& progress);
+/// Whether what the options ask of a volume is found without a store.
+bool needs_no_store(VolumeSource& volume, const ExtractCommand& arguments, bool has_iso);
+/// The fields of the default store, and those that the options ask for.
+std::vector<Field> fields_of(const ExtractCommand& arguments);
+/// The surface straight from a volume. REQUIRES: needs_no_store(). Throws what open_volume() and
+/// extract() throw.
+Result extract_from_volume(VolumeSource& volume, ExtractCommand arguments, Progress& progress);
 
 /// The store of vertex values, if one was asked for. It is open as long as `progress` is there.
 /// Throws what open_store() throws.

@@ -9,11 +9,9 @@
 #include <isonest/error.h>
 #include <isonest/remote.h>
 
-#include "query/view/indicator_box.h"
+#include "query/values/node_sampler.h"
 #include "store/base/box.h"
-#include "store/container/announce/announcer.h"
 #include "store/container/chunk_cache.h"
-#include "store/container/gather.h"
 #include "store/container/reader.h"
 
 namespace isonest::detail::cli {
@@ -29,15 +27,6 @@ std::int64_t planes_at_once(const VolumeDescription& d, std::int64_t multiple) {
 }
 
 }  // namespace
-
-bool is_no_store(const Error& error) {
-    return std::any_of(error.remedies().begin(), error.remedies().end(),
-                       [](const Remedy& r) { return r.kind == RemedyKind::make_store; });
-}
-
-bool may_be_folder(const Error& error, const std::string& location) {
-    return is_url(location) && error.kind() == ErrorKind::not_found;
-}
 
 VolumeValues::VolumeValues(std::shared_ptr<const Store> store)
     : path_(store->path().string()), store_(std::move(store)) {}
@@ -71,18 +60,18 @@ std::vector<float> VolumeValues::read(Progress& progress) {
     const VolumeDescription d = describe();
     if (d.labels) {
         throw Error(ErrorKind::unsupported, {path_},
-                    "its values are labels of 64 bits, which are not smoothed as numbers are; "
-                    "extract makes smooth surfaces of them");
+                    "its values are 64-bit labels, which cannot be smoothed as numbers; isonest "
+                    "extract --smooth makes smooth surfaces of labels");
     }
     std::vector<float> values(static_cast<std::size_t>(d.nodes.product()));
     const std::int64_t planes = planes_at_once(d, source_ ? source_->granularity().planes : 1);
     progress.begin("read", static_cast<std::uint64_t>(d.nodes.z), "planes");
     std::unique_ptr<ChunkCache> cache;
-    std::unique_ptr<Announcer> announcer;
+    std::unique_ptr<Prefetcher> prefetcher;
     if (store_) {
         cache = std::make_unique<ChunkCache>(store_->reader(), kSlab);
         const ArrayInfo& array = store_->reader().layout().array(0, Field::values);
-        announcer = std::make_unique<Announcer>(
+        prefetcher = std::make_unique<Prefetcher>(
             store_->reader(), 0, (d.nodes.z + planes - 1) / planes,
             [&array, planes](std::int64_t i, std::vector<WantedChunk>& chunks) {
                 // A chunk goes with the first of the slabs that it is in.
@@ -105,7 +94,7 @@ std::vector<float> VolumeValues::read(Progress& progress) {
                 source_->read(z, count, 0, d.nodes.y,
                               reinterpret_cast<std::byte*>(slab.data.data()));
             } else {
-                announcer->reach(z / planes);
+                prefetcher->reach(z / planes);
                 gather_values(*cache, store_->reader().layout().array(0, Field::values), slab);
             }
             float* const to = values.data() + d.nodes.linear({0, 0, z});
@@ -115,8 +104,8 @@ std::vector<float> VolumeValues::read(Progress& progress) {
                     const Int3 p = slab.size.unlinear(static_cast<std::int64_t>(i)) + slab.lo;
                     throw Error(ErrorKind::unsupported,
                                 {path_, fmt::format("node ({}, {}, {})", p.x, p.y, p.z)},
-                                "the value is missing or too large for float32: all of a volume "
-                                "that is smoothed have to be numbers");
+                                "the value is missing or too large for float32; smoothing needs "
+                                "numbers everywhere");
                 }
             }
             progress.advance(static_cast<std::uint64_t>(count));

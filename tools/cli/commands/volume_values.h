@@ -14,11 +14,6 @@
 
 namespace isonest::detail::cli {
 
-/// Whether opening a store failed because the file is none.
-bool is_no_store(const Error& error);
-/// Whether a store at a URL was not found, so that it may be the name of a folder with a volume.
-bool may_be_folder(const Error& error, const std::string& location);
-
 /// A volume file, or the finest level of a store.
 class VolumeValues {
   public:

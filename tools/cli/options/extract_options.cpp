@@ -3,18 +3,60 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <optional>
 
 #include <isonest/error.h>
 
 #include "query/formats/mesh_files.h"
-#include "store/base/rotation.h"
-#include "store/container/extent.h"
+#include "store/base/vectors.h"
+#include "store/container/format.h"
 #include "store/container/reader.h"
-#include "tools/cli/options/fields.h"
 #include "tools/cli/options/units.h"
-#include "tools/cli/terminal/leftovers.h"
+#include "tools/cli/terminal/interrupt.h"
 
 namespace isonest::detail::cli {
+namespace {
+
+[[noreturn]] void refuse(const std::string& option, const std::string& text, const char* first) {
+    throw Error(ErrorKind::invalid_argument, fmt::format("{} '{}': there are {}{}", option, text,
+                                                         first, list_names(all_fields())));
+}
+
+}  // namespace
+
+Field parse_field(const std::string& option, const std::string& text) {
+    const std::optional<Field> field = field_from_name(text);
+    if (!field || *field == Field::values) {
+        refuse(option, text, "");
+    }
+    return *field;
+}
+
+Field parse_field_or_values(const std::string& option, const std::string& text) {
+    const std::optional<Field> field = field_from_name(text);
+    if (!field) {
+        refuse(option, text, "values, ");
+    }
+    return *field;
+}
+
+std::vector<Field> parse_indicators(const std::string& option, const std::string& text) {
+    std::vector<Field> fields;
+    for (std::size_t begin = 0; begin <= text.size();) {
+        const std::size_t end = std::min(text.find(',', begin), text.size());
+        const std::string name = text.substr(begin, end - begin);
+        const std::vector<Field> named = indicators_from_name(name);
+        if (named.empty()) {
+            refuse(option, name, "nodes, all, ");
+        }
+        fields.insert(fields.end(), named.begin(), named.end());
+        begin = end + 1;
+    }
+    std::sort(fields.begin(), fields.end());
+    fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
+    return fields;
+}
+
 namespace {
 
 double parse_positive(const std::string& option, const std::string& text, bool or_zero) {
@@ -26,18 +68,18 @@ double parse_positive(const std::string& option, const std::string& text, bool o
     return value;
 }
 
-Guarantee parse_guarantee(const std::string& text) {
+ErrorIndicator parse_indicator(const std::string& text) {
     if (text == "deviation") {
-        return Guarantee::deviation;
+        return ErrorIndicator::deviation;
     }
     if (text == "plus") {
-        return Guarantee::plus;
+        return ErrorIndicator::plus;
     }
     if (text == "estimate") {
-        return Guarantee::estimate;
+        return ErrorIndicator::estimate;
     }
     throw Error(ErrorKind::invalid_argument,
-                fmt::format("--guarantee '{}': give deviation, plus or estimate", text));
+                fmt::format("--indicator '{}': give deviation, plus or estimate", text));
 }
 
 WorldBox parse_box(const std::string& text) {
@@ -86,101 +128,78 @@ Focus& focus_of(ExtractArguments& a) {
     return *a.focus;
 }
 
+/// A number, or one with % behind it, which is relative. All of the range is refused: what is left
+/// then is no surface of the data.
+void parse_error(const std::string& option, const std::string& text, bool relative,
+                 ErrorBound& error) {
+    constexpr double kPercent = 100;
+    const bool percent = text.ends_with('%');
+    error.value = parse_positive(option, percent ? text.substr(0, text.size() - 1) : text, true);
+    error.relative = relative || percent;
+    error.value /= percent ? kPercent : 1;
+    if (error.relative && error.value >= 1) {
+        const double meant = percent || error.value >= kPercent ? 1 : error.value;
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} '{}' means {:g} % of the range of the values, which leaves no "
+                                "surface of the data; for {:g} % give --error-relative {:g}",
+                                option, text, kPercent * error.value, meant, meant / kPercent));
+    }
+}
+
 void add_error_options(CLI::App* c, ExtractArguments& a) {
-    CLI::Option* const error = add_parsed(
-        c, "--error",
-        [&a](const std::string& text) { a.error.value = parse_positive("--error", text, true); },
-        "largest error of the value, in units of the data [0]", "E");
-    CLI::Option* const relative = add_parsed(
-        c, "--error-relative",
-        [&a](const std::string& text) {
-            a.error.value = parse_positive("--error-relative", text, true);
-            a.error.relative = true;
-        },
-        "the same, as a fraction of the data's range", "R");
+    CLI::Option* const error = add_parsed(c, "--error", [&a](const std::string& text) {
+        parse_error("--error", text, false, a.error);
+    });
+    CLI::Option* const relative = add_parsed(c, "--error-relative", [&a](const std::string& text) {
+        parse_error("--error-relative", text, true, a.error);
+    });
     relative->excludes(error);
-    add_parsed(
-        c, "--guarantee",
-        [&a](const std::string& text) { a.error.guarantee = parse_guarantee(text); },
-        "deviation (a bound, tight), plus (a bound, looser) or\n"
-        "estimate (no bound, usually close) [deviation]",
-        "NAME");
-    CLI::Option* const stop = add_parsed(
-        c, "--stop",
-        [&a](const std::string& text) { stop_of(a).field = parse_field("--stop", text); },
-        "in place of the error: refine while this field of the store\n"
-        "is not below the threshold",
-        "FIELD");
+    add_parsed(c, "--indicator",
+               [&a](const std::string& text) { a.error.indicator = parse_indicator(text); });
+    CLI::Option* const stop = add_parsed(c, "--stop", [&a](const std::string& text) {
+        stop_of(a).field = parse_field("--stop", text);
+    });
     stop->excludes(error)->excludes(relative);
-    CLI::Option* const threshold = add_parsed(
-        c, "--threshold",
-        [&a](const std::string& text) {
-            stop_of(a).value = parse_positive("--threshold", text, true);
-        },
-        "in the field's own units [0]", "T");
-    add_parsed(
-        c, "--threshold-relative",
-        [&a](const std::string& text) {
-            stop_of(a).value = parse_positive("--threshold-relative", text, true);
-            stop_of(a).relative = true;
-        },
-        "as a fraction of the field's largest value", "T")
+    CLI::Option* const threshold = add_parsed(c, "--threshold", [&a](const std::string& text) {
+        stop_of(a).value = parse_positive("--threshold", text, true);
+    });
+    add_parsed(c, "--threshold-relative",
+               [&a](const std::string& text) {
+                   stop_of(a).value = parse_positive("--threshold-relative", text, true);
+                   stop_of(a).relative = true;
+               })
         ->excludes(threshold)
         ->needs(stop);
     threshold->needs(stop);
 }
 
 void add_place_options(CLI::App* c, ExtractArguments& a) {
-    CLI::Option* const focus = add_parsed(
-        c, "--focus",
-        [&a](const std::string& text) {
-            const Focus place = parse_focus(text);
-            focus_of(a).lo = place.lo;
-            focus_of(a).hi = place.hi;
-        },
-        "the error holds at this point or in this box, and may grow\n"
-        "with the distance to it, by --falloff",
-        "X,Y,Z[,X1,Y1,Z1]");
-    add_parsed(
-        c, "--falloff",
-        [&a](const std::string& text) {
-            focus_of(a).falloff = parse_positive("--falloff", text, true);
-        },
-        "the error at distance d from the focus is 1 + F d times as large [0]", "F")
-        ->needs(focus);
-    CLI::Option* const camera = add_parsed(
-        c, "--camera",
-        [&a](const std::string& text) { camera_of(a).position = parse_double3("--camera", text); },
-        "stop as well where a viewer at this place sees less than\n"
-        "--pixels of a diamond of elements",
-        "X,Y,Z");
-    add_parsed(
-        c, "--pixels",
-        [&a](const std::string& text) {
-            camera_of(a).pixels = parse_positive("--pixels", text, false);
-        },
-        "size in the picture below which nothing is refined [1]", "N")
-        ->needs(camera);
-    add_parsed(
-        c, "--fov",
-        [&a](const std::string& text) {
-            camera_of(a).field_of_view = parse_positive("--fov", text, false);
-            constexpr double kMost = 180;
-            if (camera_of(a).field_of_view >= kMost) {
-                throw Error(ErrorKind::invalid_argument,
-                            fmt::format("--fov '{}': give less than 180 degrees", text));
-            }
-        },
-        "the camera's angle from top to bottom, degrees [40]", "DEG")
-        ->needs(camera);
-    add_parsed(
-        c, "--height",
-        [&a](const std::string& text) {
-            constexpr std::int64_t kMost = 1 << 20;
-            camera_of(a).height = static_cast<int>(parse_integer("--height", text, 1, kMost));
-        },
-        "the picture's height in pixels [1080]", "PIXELS")
-        ->needs(camera);
+    CLI::Option* const focus = add_parsed(c, "--focus", [&a](const std::string& text) {
+        const Focus place = parse_focus(text);
+        focus_of(a).lo = place.lo;
+        focus_of(a).hi = place.hi;
+    });
+    add_parsed(c, "--falloff", [&a](const std::string& text) {
+        focus_of(a).falloff = parse_positive("--falloff", text, true);
+    })->needs(focus);
+    CLI::Option* const camera = add_parsed(c, "--camera", [&a](const std::string& text) {
+        camera_of(a).position = parse_double3("--camera", text);
+    });
+    add_parsed(c, "--pixels", [&a](const std::string& text) {
+        camera_of(a).pixels = parse_positive("--pixels", text, false);
+    })->needs(camera);
+    add_parsed(c, "--fov", [&a](const std::string& text) {
+        camera_of(a).field_of_view = parse_positive("--fov", text, false);
+        constexpr double kMax = 180;
+        if (camera_of(a).field_of_view >= kMax) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("--fov '{}': give less than 180 degrees", text));
+        }
+    })->needs(camera);
+    add_parsed(c, "--height", [&a](const std::string& text) {
+        constexpr std::int64_t kMax = 1 << 20;
+        camera_of(a).height = static_cast<int>(parse_integer("--height", text, 1, kMax));
+    })->needs(camera);
 }
 
 void parse_cells(const std::string& text, ExtractArguments& a) {
@@ -197,29 +216,22 @@ void parse_cells(const std::string& text, ExtractArguments& a) {
 void add_extract_options(CLI::App* c, ExtractArguments& a) {
     add_error_options(c, a);
     add_place_options(c, a);
-    add_parsed(
-        c, "--box", [&a](const std::string& text) { a.box = parse_box(text); },
-        "only what is inside this box, numbers in the store's unit", "x0,y0,z0,x1,y1,z1");
+    add_parsed(c, "--box", [&a](const std::string& text) { a.box = parse_box(text); });
     add_memory(c, a.options.memory);
     add_threads(c, a.options.threads);
 }
 
 void add_space_option(CLI::App* c, ExtractArguments& a) {
-    add_parsed(
-        c, "--space",
-        [&a](const std::string& text) {
-            const auto frame = frame_from(text);
-            if (!frame && text != "as-stored") {
-                throw Error(ErrorKind::invalid_argument,
-                            fmt::format("--space '{}': give ras, lps or as-stored", text));
-            }
-            a.space = !frame                           ? MeshSpace::as_stored
-                      : *frame == AnatomicalFrame::ras ? MeshSpace::ras
-                                                       : MeshSpace::lps;
-        },
-        "patient axes of the mesh's positions; what other options take and say\n"
-        "is as stored [ras where the volume's axes are known, else as-stored]",
-        "ras|lps|as-stored");
+    add_parsed(c, "--space", [&a](const std::string& text) {
+        const auto frame = frame_from(text);
+        if (!frame && text != "as-stored") {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("--space '{}': give ras, lps or as-stored", text));
+        }
+        a.space = !frame                           ? MeshSpace::as_stored
+                  : *frame == AnatomicalFrame::ras ? MeshSpace::ras
+                                                   : MeshSpace::lps;
+    });
 }
 
 void add_space_json(AnatomicalFrame frame, const ExtractArguments& a, const std::string& mesh,
@@ -237,30 +249,32 @@ std::string space_line(AnatomicalFrame frame, const ExtractArguments& a, const s
 }
 
 void add_cells_option(CLI::App* c, ExtractArguments& a) {
-    add_parsed(
-        c, "--cells", [&a](const std::string& text) { parse_cells(text, a); },
-        "cells of the nested grid: tetrahedra (triangles of data in a\n"
-        "plane), or hexahedra, which give a third of the triangles; an\n"
-        "error above 0 then needs hex_deviation, an estimate hex_linf.\n"
-        "quad: of --graph, quadrilaterals by the same fields [tet; within\n"
-        "a distance hex, unless another option goes with tet alone]",
-        "tet|hex|quad");
+    add_parsed(c, "--cells", [&a](const std::string& text) { parse_cells(text, a); });
 }
 
 void require_suitable_cells(const ExtractArguments& a) {
     if (a.cells_name == "quad" && !a.is_graph) {
         throw Error(ErrorKind::invalid_argument,
-                    "--cells quad: quadrilaterals are of --graph; surfaces and slices of volumes "
-                    "have --cells hex");
+                    a.is_slice ? "--cells quad: a slice has hexahedral cells; give --cells hex"
+                               : "--cells quad needs --graph; for surfaces give --cells hex");
     }
     if (a.cells_name == "hex" && a.is_graph) {
         throw Error(ErrorKind::invalid_argument,
-                    "--cells hex: a graph is of data in a plane, whose cells are --cells quad");
+                    "--cells hex cannot be combined with --graph; give --cells quad");
     }
 }
 
 bool is_guaranteed(const ExtractReport& r) {
     return is_bound(r.traversal.stop) && r.traversal.stop != Field::grad_linf_plus;
+}
+
+std::string function_text(const ExtractReport& r) {
+    if (r.traversal.cells == Cells::hexahedra) {
+        return r.dimension == 2 ? "the bilinear function on quadrilaterals"
+                                : "the trilinear function on hexahedra";
+    }
+    return r.dimension == 2 ? "the piecewise linear function on triangles"
+                            : "the piecewise linear function on tetrahedra";
 }
 
 std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
@@ -274,12 +288,13 @@ std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
                               a.is_graph ? "heights to 32-bit floats" : "the vertices' values")
                 : "");
     };
-    if (is_guaranteed(r)) {
-        return "error at most " + asked();
+    const bool is_surface = !a.is_slice && !a.is_graph;
+    if (is_surface && r.error_bound == 0 && r.tolerance == 0) {
+        return fmt::format("the surface at full resolution, of {}", function_text(r));
     }
     const Field stop = r.traversal.stop;
-    if (stop == Field::hex_deviation) {
-        return "error of the trilinear function at most " + asked();
+    if (is_guaranteed(r) || stop == Field::hex_deviation) {
+        return fmt::format("error at most {}, of {}", asked(), function_text(r));
     }
     if ((stop == Field::linf_bar || stop == Field::hex_linf) && !a.stop) {
         return "estimated error " + asked();
@@ -296,7 +311,7 @@ std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
 std::string version_text(const std::string& mesh) {
     // PolyData came to VTKHDF with version 2.0 of the format.
     return std::filesystem::path(mesh).extension() == ".vtkhdf"
-               ? "VTK 9.3 and ParaView 5.12 read it, or newer ones; .vtp is for all.\n"
+               ? "It needs VTK 9.3 or ParaView 5.12, or newer; all versions read .vtp.\n"
                : "";
 }
 
@@ -317,7 +332,7 @@ std::string extract_warning(const ExtractArguments& a, const ExtractReport& r) {
         warning +=
             fmt::format("{}: 32-bit floats round its {} by up to {:.2g}, of a range of {:.2g}: {}",
                         a.mesh, a.is_graph ? "heights" : "values", r.value_rounding, r.value_range,
-                        a.is_graph ? "take an offset off the data before preprocess"
+                        a.is_graph ? "subtract an offset from the data before preprocess"
                                    : "write .ply, .vtp or .vtkhdf, which hold 64-bit values");
     }
     return warning;
@@ -344,9 +359,23 @@ std::string range_text(const Store& store) {
 
 std::string volume_text(const Store& store) {
     const StoreHeader& h = store.reader().layout().header();
-    const Double3 last = rotated_about(h.origin, h.direction, last_position(h));
+    const Double3 last = rotated_about(h.origin, h.rotation(), last_position(h));
     return fmt::format("which lies between {:.6g},{:.6g},{:.6g} and {:.6g},{:.6g},{:.6g}",
                        h.origin[0], h.origin[1], h.origin[2], last[0], last[1], last[2]);
+}
+
+std::vector<Field> fields_of(const ExtractArguments& a, bool coarse_cells) {
+    std::vector<Field> fields = default_indicators();
+    if (a.vertex_error) {
+        fields.push_back(*a.vertex_error);
+    }
+    if (a.stop) {
+        fields.push_back(a.stop->field);
+    } else if (a.cells == Cells::hexahedra && coarse_cells) {
+        fields.push_back(a.error.indicator == ErrorIndicator::estimate ? Field::hex_linf
+                                                                       : Field::hex_deviation);
+    }
+    return fields;
 }
 
 ExtractOptions options_of(const ExtractArguments& a) {
@@ -367,6 +396,10 @@ Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
                  {"error_bound", r.error_bound},
                  {"value_rounding", r.value_rounding},
                  {"guaranteed", is_guaranteed(r) || r.traversal.stop == Field::hex_deviation},
+                 {"cells", cells},
+                 {"function", r.traversal.cells != Cells::hexahedra ? "piecewise linear"
+                              : r.dimension == 2                    ? "bilinear"
+                                                                    : "trilinear"},
                  {"visited_" + cells, r.traversal.visited},
                  {"leaf_" + cells, r.traversal.leaves},
                  {"mended_triangles", r.mending.mended},

@@ -3,13 +3,25 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <isonest/extract.h>
+#include <isonest/field.h>
 #include <isonest/mesh_file.h>
 
-#include "tools/cli/command.h"
+#include "tools/cli/program.h"
 
 namespace isonest::detail::cli {
+
+// Names of fields in options.
+
+/// An indicator's field. Throws Error{invalid_argument} listing those there are.
+Field parse_field(const std::string& option, const std::string& text);
+/// The same, or the values.
+Field parse_field_or_values(const std::string& option, const std::string& text);
+/// Several indicators, with commas, and names of sets of them (indicators_from_name()); in the
+/// store's order, each once. Throws as parse_field().
+std::vector<Field> parse_indicators(const std::string& option, const std::string& text);
 
 /// What the options say.
 struct ExtractArguments {
@@ -52,6 +64,10 @@ struct ExtractArguments {
 /// The error, the stop test, focus and camera, --box, --memory, --threads.
 void add_extract_options(CLI::App* command, ExtractArguments& a);
 
+/// The fields of a default store, and those that the options ask for; some may be there twice.
+/// `coarse_cells`: hexahedra or quadrilaterals are not all at full resolution.
+std::vector<Field> fields_of(const ExtractArguments& a, bool coarse_cells);
+
 /// --space, of what is written as a mesh.
 void add_space_option(CLI::App* command, ExtractArguments& a);
 /// "frame" of the world and "space" of a mesh in a file of this name.
@@ -65,7 +81,10 @@ void add_cells_option(CLI::App* command, ExtractArguments& a);
 /// Throws Error{invalid_argument} for hexahedra of a graph, and quadrilaterals of anything else.
 void require_suitable_cells(const ExtractArguments& a);
 
-/// "at most 0.25 (asked for 0.3)": what the error of the mesh is known to be, in one line.
+/// "the trilinear function on hexahedra": what a bound on the values' error refers to.
+std::string function_text(const ExtractReport& r);
+/// "error at most 0.25 (asked for 0.3), of ...": what the error of the mesh is known to be, in one
+/// line.
 std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r);
 /// Whether the line above is a bound on |U - iso| (or on |value - U| in a slice).
 bool is_guaranteed(const ExtractReport& r);

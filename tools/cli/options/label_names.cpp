@@ -7,13 +7,73 @@
 #include <cctype>
 #include <optional>
 #include <set>
+#include <span>
+#include <string>
 #include <vector>
 
 #include <isonest/error.h>
 
-#include "tools/cli/terminal/suggestions.h"
+#include "store/files/output_file.h"
+#include "tools/cli/terminal/terminal_text.h"
 
 namespace isonest::detail::cli {
+namespace {
+
+/// An object as lines that begin with `indent`, without its closing brace.
+std::string opened(const Json& object, const std::string& indent) {
+    std::string text;
+    for (const char c : object.dump(2, ' ', false, Json::error_handler_t::replace)) {
+        text += c;
+        text += c == '\n' ? indent : "";
+    }
+    text.resize(text.rfind('\n'));
+    return text;
+}
+
+}  // namespace
+
+void LabelNeighbours::take(std::size_t label, SmoothReport& report) {
+    const auto bytes = std::as_bytes(std::span(report.neighbours));
+    std::uint64_t at = 0;
+    {
+        const std::lock_guard lock(mutex_);
+        at = end_;
+        end_ += bytes.size();
+    }
+    file_.write_at(at, bytes);
+    place_[label] = {at, report.neighbours.size()};
+    report.neighbours = {};
+}
+
+std::vector<NeighbourLabel> LabelNeighbours::of(std::size_t label) const {
+    const auto [at, count] = place_[label];
+    std::vector<NeighbourLabel> neighbours(count);
+    file_.read_at(at, std::as_writable_bytes(std::span(neighbours)));
+    return neighbours;
+}
+
+void write_label_list(const std::filesystem::path& path, const Json& head, const Json& labels,
+                      const LabelNeighbours* neighbours) {
+    AppendedFile file(path);
+    const auto add = [&](const std::string& text) { file.add(std::as_bytes(std::span(text))); };
+    add(opened(head, "") + ",\n  \"labels\": [");
+    for (std::size_t i = 0; i < labels.size(); ++i) {
+        add((i > 0 ? ",\n    " : "\n    ") + opened(labels[i], "    "));
+        if (neighbours != nullptr) {
+            add(",\n      \"neighbours\": [");
+            const char* before = "";
+            for (const NeighbourLabel& neighbour : neighbours->of(i)) {
+                add(fmt::format("{}{{\"id\": {}, \"area\": {}}}", before, neighbour.id,
+                                Json(neighbour.area).dump()));
+                before = ", ";
+            }
+            add("]");
+        }
+        add("\n    }");
+    }
+    add(labels.empty() ? "]\n}\n" : "\n  ]\n}\n");
+    file.publish();
+}
 
 bool is_label_range(const std::string& text) {
     const auto number = [](const std::string& part) {
@@ -34,9 +94,9 @@ std::int64_t label_named(const Store& store, const std::string& name) {
         return ids.front();
     }
     const std::string path = store.path().string();
-    constexpr std::size_t kMostListed = 20;
+    constexpr std::size_t kMaxListed = 20;
     if (ids.size() > 1) {
-        const std::size_t listed = std::min(ids.size(), kMostListed);
+        const std::size_t listed = std::min(ids.size(), kMaxListed);
         throw Error(
             ErrorKind::invalid_argument, {path},
             fmt::format(
@@ -59,10 +119,10 @@ std::int64_t label_named(const Store& store, const std::string& name) {
     const std::vector<std::string> names(there.begin(), there.end());
     const std::vector<std::string> nearest = nearest_names(name, names, 3);
     const std::vector<std::string>& listed = nearest.empty() ? names : nearest;
-    constexpr std::size_t kMostText = 300;
+    constexpr std::size_t kMaxText = 300;
     std::string list = listed.front();
     std::size_t count = 1;
-    while (count < listed.size() && list.size() + listed[count].size() < kMostText) {
+    while (count < listed.size() && list.size() + listed[count].size() < kMaxText) {
         list += ", " + listed[count++];
     }
     throw Error(ErrorKind::not_found, {path},

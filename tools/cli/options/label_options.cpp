@@ -16,11 +16,8 @@
 #include <isonest/neuroglancer_meshes.h>
 
 #include "store/files/output_file.h"
-#include "tools/cli/options/close_option.h"
-#include "tools/cli/options/component_options.h"
-#include "tools/cli/options/distance_options.h"
-#include "tools/cli/options/label_list.h"
 #include "tools/cli/options/label_names.h"
+#include "tools/cli/options/surface_options.h"
 #include "tools/cli/options/units.h"
 
 namespace isonest::detail::cli {
@@ -28,7 +25,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::int64_t kMostLabel = (std::int64_t{1} << 62U) - 1;
+constexpr std::int64_t kMaxLabel = (std::int64_t{1} << 62U) - 1;
 constexpr const char* kNeuroglancer = "neuroglancer";
 constexpr const char* kDetails = "neuroglancer-multilod";
 constexpr std::array kFormats{"ply", "stl", "obj",         "vtp",   "vtkhdf",
@@ -52,11 +49,11 @@ std::vector<std::pair<std::int64_t, std::int64_t>> parse_labels(const std::strin
         // A dash in front is a sign.
         const std::size_t dash = item.find('-', 1);
         const std::int64_t first =
-            parse_integer("--labels", item.substr(0, dash), -kMostLabel, kMostLabel);
+            parse_integer("--labels", item.substr(0, dash), -kMaxLabel, kMaxLabel);
         const std::int64_t last =
             dash == std::string::npos
                 ? first
-                : parse_integer("--labels", item.substr(dash + 1), -kMostLabel, kMostLabel);
+                : parse_integer("--labels", item.substr(dash + 1), -kMaxLabel, kMaxLabel);
         if (last < first) {
             throw Error(ErrorKind::invalid_argument,
                         fmt::format("--labels '{}': the smaller number comes first", item));
@@ -72,7 +69,7 @@ LabelSmoothing parse_smoothing(const std::string& text) {
     LabelSmoothing smoothing;
     if (text != "true") {
         smoothing.passes =
-            static_cast<int>(parse_integer("--smooth", text, 0, LabelSmoothing::kMostPasses));
+            static_cast<int>(parse_integer("--smooth", text, 0, LabelSmoothing::kMaxPasses));
     }
     return smoothing;
 }
@@ -81,7 +78,7 @@ LabelSmoothing parse_smoothing(const std::string& text) {
 std::string nearest_text(const std::vector<Label>& all, std::ptrdiff_t place) {
     const auto at = static_cast<std::size_t>(place);
     if (all.empty()) {
-        return "; there are none at all";
+        return "; the store has no labels";
     }
     return at == 0 ? fmt::format("; the smallest is {}", all.front().id)
            : at == all.size()
@@ -100,7 +97,7 @@ std::vector<Label> chosen_of(const std::vector<Label>& all,
     };
     for (const auto& [first, last] : ranges) {
         const auto begin = from(first);
-        const auto end = last == kMostLabel ? all.end() : from(last + 1);
+        const auto end = last == kMaxLabel ? all.end() : from(last + 1);
         if (begin == end) {
             throw Error(
                 ErrorKind::not_found, {store},
@@ -196,74 +193,47 @@ Json json_of(const Store& store, const Label& label, const ExtractReport& r,
 }  // namespace
 
 void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::string>& others) {
-    CLI::Option* const one = add_parsed(
-        c, "--label",
-        [&a](const std::string& text) {
-            const bool number = is_label_range(text);
-            a.one = number ? parse_integer("--label", text, -kMostLabel, kMostLabel) : 0;
-            a.one_name = number ? std::nullopt : std::optional(text);
-        },
-        "in place of an isovalue: the surface around the nodes with\n"
-        "this label, half way to the others; its number, or its name\n"
-        "where the store has it",
-        "ID");
-    CLI::Option* const several = add_parsed(
-        c, "--labels",
-        [&a](const std::string& text) { a.several = parse_labels(text, a.several_names); },
-        "a mesh for each of these labels (all: but 0), and a list of\n"
-        "them, labels.json; MESH is then their folder",
-        "all|LIST");
+    CLI::Option* const one = add_parsed(c, "--label", [&a](const std::string& text) {
+        const bool number = is_label_range(text);
+        a.one = number ? parse_integer("--label", text, -kMaxLabel, kMaxLabel) : 0;
+        a.one_name = number ? std::nullopt : std::optional(text);
+    });
+    CLI::Option* const several = add_parsed(c, "--labels", [&a](const std::string& text) {
+        a.several = parse_labels(text, a.several_names);
+    });
     one->excludes(several);
     for (const std::string& other : others) {
         one->excludes(c->get_option(other));
         several->excludes(c->get_option(other));
     }
     // A flag's value comes behind "=" alone, so that it never takes the name of a store.
-    c->add_flag("--smooth")
-        ->description(
-            "surfaces of labels that are smooth, and shared by those that\n"
-            "touch: all nodes stay on their sides. --smooth=N: vertices are\n"
-            "moved N times, 0 ... 64 [16]")
-        ->each([&a](const std::string& text) { a.smooth = parse_smoothing(text); });
-    c->add_flag("--keep-nodes", a.keep_nodes,
-                "of smooth labels within --distance or --triangles: no node\n"
-                "changes sides, also near to the surface; more triangles");
-    CLI::Option* const interfaces =
-        c->add_flag("--interfaces", a.interfaces,
-                    "of --labels with --smooth: MESH is one mesh of all that lies\n"
-                    "between labels, each triangle once, with the labels on both\n"
-                    "sides of it (.vtp .vtkhdf .ply)");
+    c->add_flag("--smooth")->each([&a](const std::string& text) {
+        a.smooth = parse_smoothing(text);
+    });
+    c->add_flag("--keep-nodes", a.keep_nodes);
+    CLI::Option* const interfaces = c->add_flag("--interfaces", a.interfaces);
     interfaces->needs(several);
-    add_parsed(
-        c, "--format",
-        [&a](const std::string& text) {
-            if (std::find(kFormats.begin(), kFormats.end(), text) == kFormats.end()) {
-                throw Error(ErrorKind::invalid_argument,
-                            fmt::format("--format '{}': give one of ply, stl, obj, vtp, vtkhdf, "
-                                        "glb, 3mf, neuroglancer, neuroglancer-multilod",
-                                        text));
-            }
-            a.format = text;
-        },
-        "of these meshes; neuroglancer: a folder of precomputed\n"
-        "meshes; neuroglancer-multilod: of smooth ones, in several\n"
-        "levels of detail [ply]",
-        "NAME")
+    add_parsed(c, "--format",
+               [&a](const std::string& text) {
+                   if (std::find(kFormats.begin(), kFormats.end(), text) == kFormats.end()) {
+                       throw Error(
+                           ErrorKind::invalid_argument,
+                           fmt::format("--format '{}': give one of ply, stl, obj, vtp, vtkhdf, "
+                                       "glb, 3mf, neuroglancer, neuroglancer-multilod",
+                                       text));
+                   }
+                   a.format = text;
+               })
         ->needs(several)
         ->excludes(interfaces);
-    add_parsed(
-        c, "--over",
-        [&a](const std::string& text) {
-            if (text != "zarr" && text != "precomputed") {
-                throw Error(ErrorKind::invalid_argument,
-                            fmt::format("--over '{}': give zarr or precomputed", text));
-            }
-            a.over = text == "zarr" ? VoxelOrigin::middle : VoxelOrigin::corner;
-        },
-        "of --format neuroglancer or neuroglancer-multilod: the volume\n"
-        "that Neuroglancer shows with the meshes. precomputed: they are\n"
-        "moved by half a voxel along each axis [zarr]",
-        "zarr|precomputed")
+    add_parsed(c, "--over",
+               [&a](const std::string& text) {
+                   if (text != "zarr" && text != "precomputed") {
+                       throw Error(ErrorKind::invalid_argument,
+                                   fmt::format("--over '{}': give zarr or precomputed", text));
+                   }
+                   a.over = text == "zarr" ? VoxelOrigin::middle : VoxelOrigin::corner;
+               })
         ->needs(several)
         ->excludes(interfaces);
 }
@@ -321,28 +291,26 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
                             Progress& progress) {
     if (labels.over && labels.format != kNeuroglancer && !makes_detail_levels(labels)) {
         throw Error(ErrorKind::invalid_argument,
-                    "--over goes with --format neuroglancer or neuroglancer-multilod: meshes in "
-                    "other formats lie where the volume's file says");
+                    "--over needs --format neuroglancer or neuroglancer-multilod");
     }
     const VoxelOrigin over = labels.over.value_or(VoxelOrigin::middle);
     const fs::path folder = a.mesh;
     std::error_code error;
     if (fs::exists(folder, error) && !fs::is_directory(folder, error)) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
-                    "is no folder: the meshes of labels are written into one");
+                    "is not a folder; with --labels, give a folder for the meshes");
     }
     if (makes_detail_levels(labels) && a.space != MeshSpace::automatic &&
         a.space != MeshSpace::as_stored) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
-                    "--space: Neuroglancer shows levels of detail in the volume's own coordinates, "
-                    "which are as stored");
+                    "--space: meshes for Neuroglancer are always as stored");
     }
     const std::vector<Label> chosen =
         chosen_of(find_labels(store, {a.options.memory, a.options.threads}, progress),
                   *labels.several, a.store);
     fs::create_directory(folder, error);
     if (std::error_code ignored; !fs::is_directory(folder, ignored)) {
-        throw Error(ErrorKind::io, {a.mesh}, "cannot be made a folder: " + error.message());
+        throw Error(ErrorKind::io, {a.mesh}, "cannot create the folder: " + error.message());
     }
     ExtractOptions options = a.options;
     options.scratch = folder;
@@ -426,7 +394,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
         result.text += fmt::format("each within {:.6g} of the label's surface\n", bound);
     }
     if (!reports.empty() && reports.front().within_budget == false) {
-        result.text += "more triangles than asked for: within the distance there are no fewer\n";
+        result.text += "more triangles than asked for: the distance does not allow fewer\n";
     }
     if (smooth) {
         result.text +=
@@ -448,8 +416,7 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
                                 Progress& progress) {
     if (!labels.smooth) {
         throw Error(ErrorKind::invalid_argument, {a.store},
-                    "--interfaces goes with --smooth: labels that are not smooth share no "
-                    "triangles. --smooth=0 keeps the faces of the voxels");
+                    "--interfaces needs --smooth; --smooth=0 keeps the faces of the voxels");
     }
     const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, a.file_options());
     // What the format does not hold is refused before the labels are looked for.
@@ -462,12 +429,12 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
         chosen_of(find_labels(store, {a.options.memory, a.options.threads}, progress),
                   *labels.several, a.store);
     // A report holds so many; of more it has the number.
-    constexpr std::uint64_t kMostListed = 10000;
+    constexpr std::uint64_t kMaxListed = 10000;
     std::vector<LabelInterface> interfaces;
     const ExtractReport r = extract_interfaces(
         store, chosen, query, *sink,
         [&](const LabelInterface& one) {
-            if (interfaces.size() <= kMostListed) {
+            if (interfaces.size() <= kMaxListed) {
                 interfaces.push_back(one);
             }
         },
@@ -483,7 +450,7 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
     result.json["outside"] = r.interfaces->outside;
     result.json["interface_count"] = r.interfaces->interfaces;
     result.json["interfaces"] = nullptr;
-    if (r.interfaces->interfaces <= kMostListed) {
+    if (r.interfaces->interfaces <= kMaxListed) {
         result.json["interfaces"] = Json::array();
         for (const LabelInterface& one : interfaces) {
             result.json["interfaces"].push_back(

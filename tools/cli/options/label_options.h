@@ -10,8 +10,8 @@
 #include <isonest/extract.h>
 #include <isonest/neuroglancer_meshes.h>
 
-#include "tools/cli/command.h"
 #include "tools/cli/options/extract_options.h"
+#include "tools/cli/program.h"
 
 namespace isonest::detail::cli {
 

@@ -7,26 +7,49 @@
 #include <fstream>
 #include <utility>
 
+#include <isonest/error.h>
+#include <isonest/open_volume.h>
+
 #include "store/container/reader.h"
 #include "store/remote/object_url.h"
 #include "store/remote/open_location.h"
-#include "tools/cli/options/cache_option.h"
 #include "tools/cli/options/units.h"
 
 namespace isonest::detail::cli {
+
+CacheChoice parse_cache(std::string_view option, std::string_view text) {
+    CacheChoice choice;
+    std::string_view folder = text;
+    if (const std::size_t colon = text.rfind(':'); colon != std::string_view::npos) {
+        try {
+            choice.bytes = parse_bytes(option, text.substr(colon + 1));
+            folder = text.substr(0, colon);
+        } catch (const Error&) {
+            folder = text;
+        }
+    }
+    if (folder.empty() || choice.bytes == 0) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} '{}': give FOLDER or FOLDER:SIZE, like cache:2G, and a size "
+                                "above 0",
+                                option, text));
+    }
+    choice.folder = folder;
+    return choice;
+}
+
 namespace {
 
-constexpr std::uint64_t kMostAside = std::uint64_t{256} << 20U;
-constexpr std::size_t kMostHeaderFile = std::size_t{1} << 20U;
+constexpr std::uint64_t kMaxAside = std::uint64_t{256} << 20U;
+constexpr std::size_t kMaxHeaderFile = std::size_t{1} << 20U;
 
 /// Throws Error{invalid_argument}, which does not quote it.
 void require_header(const std::string& header, const std::string& where) {
     if (!is_header(header)) {
-        throw Error(
-            ErrorKind::invalid_argument,
-            where +
-                ": give a header as 'Name: value', or @FILE with one in each line; those about "
-                "ranges and states of the object are isonest's own");
+        throw Error(ErrorKind::invalid_argument,
+                    where +
+                        ": give 'Name: value', or @FILE with one header per line; headers about "
+                        "ranges and conditions are reserved");
     }
 }
 
@@ -40,14 +63,14 @@ void take_headers(const std::string& text, std::vector<std::string>& headers) {
     const std::string path = text.substr(1);
     std::ifstream in(path, std::ios::binary);
     if (!in) {
-        throw Error(ErrorKind::not_found, {path}, "cannot be read for --header");
+        throw Error(ErrorKind::not_found, {path}, "cannot be read as a file of headers");
     }
     std::size_t read = 0;
     int number = 1;
     for (std::string line; std::getline(in, line); ++number) {
         read += line.size() + 1;
-        if (read > kMostHeaderFile) {
-            throw Error(ErrorKind::invalid_argument, {path}, "is too long for a file of headers");
+        if (read > kMaxHeaderFile) {
+            throw Error(ErrorKind::invalid_argument, {path}, "is too large for a file of headers");
         }
         line.erase(line.find_last_not_of(" \t\r") + 1);
         if (!line.empty()) {
@@ -58,7 +81,7 @@ void take_headers(const std::string& text, std::vector<std::string>& headers) {
 }
 
 std::uint64_t share_for_fetching(std::uint64_t memory) {
-    return std::clamp(memory / 4, RemoteAccess::kLeastMemory, kMostAside);
+    return std::clamp(memory / 4, RemoteAccess::kMinMemory, kMaxAside);
 }
 
 /// Sets a share of the memory aside.
@@ -83,6 +106,16 @@ RemoteAccess access_to(const std::string& location, RemoteArguments& a, std::uin
     return remote;
 }
 
+/// Of a file that is no store, but a volume: says so. One of HDF5 may be a damaged store.
+Error saying_its_format(const Error& error, const std::string& file) {
+    const std::string format = is_no_store(error) ? input_format_of(file) : std::string();
+    if (format.empty() || format == "HDF5") {
+        return error;
+    }
+    return {ErrorKind::invalid_argument, error.place(),
+            fmt::format("a volume ({}), not a store", format), error.remedies()};
+}
+
 void add_warning(const std::string& warning, Result& result) {
     result.warning += result.warning.empty() || warning.empty() ? warning : "\n" + warning;
 }
@@ -97,31 +130,22 @@ void add_remote_options(CLI::App* command, RemoteArguments& a) {
                 for (const std::string& text : texts) {
                     take_headers(text, a.headers);
                 }
-            },
-            "of an input at a URL: sent with each request, to its own server\n"
-            "alone ('Authorization: Bearer ...'); @FILE has one in each line,\n"
-            "so that no other user sees it; may be given several times")
-        ->type_name("HEADER")
+            })
         ->allow_extra_args(false);
-    add_parsed(
-        command, "--cache",
-        [&a](const std::string& text) {
-            const CacheChoice choice = parse_cache("--cache", text);
-            a.cache = choice.folder;
-            a.cache_bytes = choice.bytes;
-        },
-        "of an input at a URL: keep what was fetched in this folder, up to\n"
-        "SIZE [1G]; other runs use it as long as the object is the same",
-        "FOLDER[:SIZE]");
+    add_parsed(command, "--cache", [&a](const std::string& text) {
+        const CacheChoice choice = parse_cache("--cache", text);
+        a.cache = choice.folder;
+        a.cache_bytes = choice.bytes;
+    });
 }
 
-void require_far(const RemoteArguments& a, const std::vector<std::string>& inputs) {
+void require_remote(const RemoteArguments& a, const std::vector<std::string>& inputs) {
     const bool far = std::any_of(inputs.begin(), inputs.end(),
                                  [](const std::string& input) { return is_url(input); });
     if (!far && (!a.headers.empty() || !a.cache.empty())) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} goes with an input at a URL, and there is none",
-                                a.headers.empty() ? "--cache" : "--header"));
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("{} needs an input at a URL", a.headers.empty() ? "--cache" : "--header"));
     }
 }
 
@@ -135,13 +159,33 @@ Store open_store(const std::string& location, RemoteArguments& a, std::uint64_t&
     if (store.reader().catalogue() == nullptr) {
         const FetchedCounts counts = store.fetched();
         a.note = fmt::format(
-            "{} has no catalogue, as stores have since version 2.9 of the format: {} in {} "
-            "requests "
-            "were fetched to open it; preprocess the volume again to have one",
+            "{} has no catalogue (format older than 2.9), so opening it took {} in {} requests; "
+            "preprocess the volume again to add one",
             store.path().string(), human_bytes(static_cast<double>(counts.remote_bytes)),
             counts.requests);
     }
     return store;
+}
+
+bool is_no_store(const Error& error) {
+    return std::any_of(error.remedies().begin(), error.remedies().end(),
+                       [](const Remedy& r) { return r.kind == RemedyKind::make_store; });
+}
+
+bool may_be_folder(const Error& error, const std::string& location) {
+    return is_url(location) && error.kind() == ErrorKind::not_found;
+}
+
+Store open_required_store(const std::string& location, RemoteArguments& a, std::uint64_t& memory,
+                          Progress& progress, const std::string& first) {
+    try {
+        return open_store(location, a, memory, progress, first);
+    } catch (const Error& error) {
+        if (is_url(location)) {
+            throw;
+        }
+        throw saying_its_format(error, location);
+    }
 }
 
 void reach_volume(const std::vector<std::string>& input, RemoteArguments& a, std::uint64_t& memory,
@@ -194,7 +238,7 @@ Error with_set_aside(const Error& error, const RemoteArguments& a) {
             std::from_chars(remedy.value.data(), end, enough).ec == std::errc{}) {
             for (int i = 0; i < a.opened; ++i) {
                 // Of four thirds of it, a quarter is set aside.
-                enough += std::clamp(enough / 3 + 1, RemoteAccess::kLeastMemory, kMostAside);
+                enough += std::clamp(enough / 3 + 1, RemoteAccess::kMinMemory, kMaxAside);
             }
             remedy.value = std::to_string(enough);
         }

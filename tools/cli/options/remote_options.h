@@ -1,10 +1,11 @@
-// The options of commands that read stores: how one is reached that is elsewhere, and what a report
-// says of it.
+// The options of commands that read stores: how a remote store is accessed, and what a report says
+// about it.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <isonest/error.h>
@@ -12,9 +13,21 @@
 #include <isonest/store.h>
 #include <isonest/volume_source.h>
 
-#include "tools/cli/command.h"
+#include "tools/cli/program.h"
 
 namespace isonest::detail::cli {
+
+// Where what comes over a network is kept, as it is written on a command line.
+
+struct CacheChoice {
+    std::filesystem::path folder;
+    std::uint64_t bytes = std::uint64_t{1} << 30U;  ///< at most, of the folder
+};
+
+/// "FOLDER" or "FOLDER:SIZE", as "/var/cache/scans:20G". What follows the last colon is a part of
+/// the folder's name if it is no size. `option` ("--cache") starts the message. Throws
+/// Error{invalid_argument} for no folder, and for a size of 0.
+CacheChoice parse_cache(std::string_view option, std::string_view text);
 
 struct RemoteArguments {
     std::vector<std::string> headers;  ///< "Name: value"; they may hold secrets
@@ -28,7 +41,7 @@ struct RemoteArguments {
 void add_remote_options(CLI::App* command, RemoteArguments& a);
 
 /// Throws Error{invalid_argument} for --header and --cache where none of the inputs is a URL.
-void require_far(const RemoteArguments& a, const std::vector<std::string>& inputs);
+void require_remote(const RemoteArguments& a, const std::vector<std::string>& inputs);
 
 /// A file or a URL. Of a store elsewhere a quarter of `memory`, from 16 to 256 MiB, is set aside
 /// for what is fetched, and `memory` becomes the rest. `progress` ends its waits, as long as the
@@ -36,6 +49,15 @@ void require_far(const RemoteArguments& a, const std::vector<std::string>& input
 /// Store throws.
 Store open_store(const std::string& location, RemoteArguments& a, std::uint64_t& memory,
                  Progress& progress, const std::string& first = {});
+
+/// As open_store(), for commands that need a store: for a file that is a volume the error says so.
+Store open_required_store(const std::string& location, RemoteArguments& a, std::uint64_t& memory,
+                          Progress& progress, const std::string& first = {});
+
+/// Whether opening a store failed because the file is not a store.
+bool is_no_store(const Error& error);
+/// Whether a store at a URL was not found, so that it may be the name of a folder with a volume.
+bool may_be_folder(const Error& error, const std::string& location);
 
 /// Of a volume elsewhere: sets aside the same share of `memory`, and says in `options` how it is
 /// reached. Nothing for files. `first`: as in open_store().

@@ -12,8 +12,9 @@
 #include <isonest/error.h>
 
 #include "store/lattice/lattice.h"
-#include "tools/cli/command.h"
+#include "tools/cli/options/option_table.h"
 #include "tools/cli/options/units.h"
+#include "tools/cli/program.h"
 
 namespace isonest::detail::cli {
 
@@ -52,8 +53,6 @@ ValueType parse_type(const std::string& text) {
 
 namespace {
 
-constexpr const char* kGroup = "How to read INPUT";
-
 /// "A,B": for data in a plane.
 bool in_plane(const std::string& text) {
     return std::count(text.begin(), text.end(), ',') == 1;
@@ -72,8 +71,8 @@ std::vector<std::string> items_of(const std::string& text, char at) {
 }
 
 std::int64_t parse_position(const char* option, const std::string& text) {
-    constexpr std::int64_t kMost = std::int64_t{1} << 40U;
-    return parse_integer(option, text, -kMost, kMost);
+    constexpr std::int64_t kMax = std::int64_t{1} << 40U;
+    return parse_integer(option, text, -kMax, kMax);
 }
 
 std::string without_blanks(const std::string& text) {
@@ -144,36 +143,18 @@ Int3 parse_nodes(const char* option, const std::string& text) {
     return parse_int3(option, in_plane(commas) ? commas + ",1" : commas, kMaxNodesPerAxis);
 }
 
-void add_parts(CLI::App* command, SourceOptions& o, const char* group) {
-    add_parsed(
-        command, "--series", [&o](const std::string& text) { o.series = text; },
-        "DICOM: the series' UID, if there are several", "UID")
-        ->group(group);
-    add_parsed(
-        command, "--index", [&o](const std::string& text) { o.index = parse_index(text); },
-        "of an array with time steps or channels: a position or : for each\n"
-        "axis, slowest first (5,:,:,:), or by the axis' name or number\n"
-        "(time=5,c=0, 0=5); t=: takes a whole axis",
-        "AT")
-        ->group(group);
-    add_parsed(
-        command, "--crop", [&o](const std::string& text) { o.crop = parse_crop(text); },
-        "nodes FROM up to, but without, TO along x, y, z; as in Python,\n"
-        "negative numbers count from the end",
-        "X0:X1,Y0:Y1,Z0:Z1")
-        ->group(group);
-    add_parsed(
-        command, "--every",
-        [&o](const std::string& text) {
-            if (text.find_first_of(",x") != std::string::npos) {
-                o.every = parse_nodes("--every", text);
-            } else {
-                const std::int64_t n = parse_integer("--every", text, 1, kMaxNodesPerAxis);
-                o.every = {n, n, n};
-            }
-        },
-        "each N-th node only, from the first on", "N or X,Y[,Z]")
-        ->group(group);
+void add_parts(CLI::App* command, SourceOptions& o) {
+    add_parsed(command, "--series", [&o](const std::string& text) { o.series = text; });
+    add_parsed(command, "--index", [&o](const std::string& text) { o.index = parse_index(text); });
+    add_parsed(command, "--crop", [&o](const std::string& text) { o.crop = parse_crop(text); });
+    add_parsed(command, "--every", [&o](const std::string& text) {
+        if (text.find_first_of(",x") != std::string::npos) {
+            o.every = parse_nodes("--every", text);
+        } else {
+            const std::int64_t n = parse_integer("--every", text, 1, kMaxNodesPerAxis);
+            o.every = {n, n, n};
+        }
+    });
 }
 
 }  // namespace
@@ -189,7 +170,7 @@ std::unique_ptr<VolumeSource> open_input(const std::vector<std::string>& input,
 
 std::string given_source_option(const CLI::App& command) {
     for (const CLI::Option* const option :
-         command.get_options([](const CLI::Option* o) { return o->get_group() == kGroup; })) {
+         command.get_options([](const CLI::Option* o) { return o->get_group() == kReading; })) {
         if (option->count() > 0) {
             return "--" + option->get_lnames().front();
         }
@@ -200,106 +181,63 @@ std::string given_source_option(const CLI::App& command) {
 void require_no_source_option(const std::string& option, const std::string& store) {
     if (!option.empty()) {
         throw Error(ErrorKind::invalid_argument, {store},
-                    fmt::format("is a store, and {} says how a volume file is read", option));
+                    fmt::format("is a store, and {} is an option for volumes", option));
     }
 }
 
 void add_source_options(CLI::App* command, SourceOptions& o, bool with_labels) {
-    const char* const group = kGroup;
-    add_parsed(
-        command, "--dataset", [&o](const std::string& text) { o.dataset = text; },
-        "the array's path or name in a file of several (HDF5, Zarr, .npz, ...)", "PATH")
-        ->group(group);
-    add_parts(command, o, group);
-    add_parsed(
-        command, "--dims", [&o](const std::string& text) { o.dims = parse_nodes("--dims", text); },
-        "raw: nodes per axis, fastest first (64,64,32 or 64x64x32)", "X,Y[,Z]")
-        ->group(group);
-    add_parsed(
-        command, "--type",
-        [&o](const std::string& text) {
-            const bool ordered = text.starts_with('<') || text.starts_with('>');
-            o.type = parse_type(ordered ? text.substr(1) : text);
-            if (ordered) {
-                o.big_endian = text.starts_with('>');
-            }
-        },
-        "raw: uint8, int16, float32, ... or u1, i2, f4, >i2", "T")
-        ->group(group);
-    add_parsed(
-        command, "--endian",
-        [&o](const std::string& text) {
-            if (text != "big" && text != "little") {
-                throw Error(ErrorKind::invalid_argument,
-                            fmt::format("--endian '{}': give big or little", text));
-            }
-            o.big_endian = text == "big";
-        },
-        "raw: big or little [little]", "END")
-        ->group(group);
-    add_parsed(
-        command, "--offset",
-        [&o](const std::string& text) {
-            o.offset = static_cast<std::uint64_t>(
-                parse_integer("--offset", text, 0, std::numeric_limits<std::int64_t>::max()));
-        },
-        "raw: bytes to skip (after decompression) [0]", "BYTES")
-        ->group(group);
-    add_parsed(
-        command, "--spacing",
-        [&o](const std::string& text) {
-            o.spacing = parse_double3("--spacing", in_plane(text) ? text + ",1" : text);
-            if (!std::all_of(o.spacing->begin(), o.spacing->end(),
-                             [](double s) { return s > 0; })) {
-                throw Error(ErrorKind::invalid_argument,
-                            fmt::format("--spacing '{}': give three numbers > 0", text));
-            }
-        },
-        "distance of the nodes, in --unit or the file's unit, instead of the file's", "X,Y[,Z]")
-        ->group(group);
-    add_parsed(
-        command, "--origin",
-        [&o](const std::string& text) {
-            o.origin = parse_double3("--origin", in_plane(text) ? text + ",0" : text);
-        },
-        "world position of the first node, instead of the file's", "X,Y[,Z]")
-        ->group(group);
-    add_parsed(
-        command, "--unit",
-        [&o](const std::string& text) {
-            o.unit = length_unit_from(text);
-            if (!o.unit) {
-                throw Error(ErrorKind::invalid_argument,
-                            fmt::format("--unit '{}': give a unit of length: {}", text,
-                                        list_of_length_units()));
-            }
-        },
-        "of length, of spacing and origin, instead of the file's: mm, um, nm, ...", "U")
-        ->group(group);
-    add_parsed(
-        command, "--frame",
-        [&o](const std::string& text) {
-            o.frame = frame_from(text);
-            if (!o.frame) {
-                throw Error(ErrorKind::invalid_argument,
-                            fmt::format("--frame '{}': give ras or lps", text));
-            }
-        },
-        "the world's axes in a patient, instead of the file's: right, anterior, superior\n"
-        "(NIfTI, FreeSurfer) or left, posterior, superior (DICOM, ITK); no number changes",
-        "ras|lps")
-        ->group(group);
+    add_parsed(command, "--dataset", [&o](const std::string& text) { o.dataset = text; });
+    add_parts(command, o);
+    add_parsed(command, "--dims",
+               [&o](const std::string& text) { o.dims = parse_nodes("--dims", text); });
+    add_parsed(command, "--type", [&o](const std::string& text) {
+        const bool ordered = text.starts_with('<') || text.starts_with('>');
+        o.type = parse_type(ordered ? text.substr(1) : text);
+        if (ordered) {
+            o.big_endian = text.starts_with('>');
+        }
+    });
+    add_parsed(command, "--endian", [&o](const std::string& text) {
+        if (text != "big" && text != "little") {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("--endian '{}': give big or little", text));
+        }
+        o.big_endian = text == "big";
+    });
+    add_parsed(command, "--offset", [&o](const std::string& text) {
+        o.offset = static_cast<std::uint64_t>(
+            parse_integer("--offset", text, 0, std::numeric_limits<std::int64_t>::max()));
+    });
+    add_parsed(command, "--spacing", [&o](const std::string& text) {
+        o.spacing = parse_double3("--spacing", in_plane(text) ? text + ",1" : text);
+        if (!std::all_of(o.spacing->begin(), o.spacing->end(), [](double s) { return s > 0; })) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("--spacing '{}': give three numbers > 0", text));
+        }
+    });
+    add_parsed(command, "--origin", [&o](const std::string& text) {
+        o.origin = parse_double3("--origin", in_plane(text) ? text + ",0" : text);
+    });
+    add_parsed(command, "--unit", [&o](const std::string& text) {
+        o.unit = length_unit_from(text);
+        if (!o.unit) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("--unit '{}': give a unit of length: {}", text,
+                                    list_of_length_units()));
+        }
+    });
+    add_parsed(command, "--frame", [&o](const std::string& text) {
+        o.frame = frame_from(text);
+        if (!o.frame) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("--frame '{}': give ras or lps", text));
+        }
+    });
     if (with_labels) {
-        command->add_flag("--labels", o.labels,
-                          "the values are labels: integers of 64 bits (0 to 2^62 - 1) are kept as\n"
-                          "they are for extract --label, else float64, and refused beyond 2^53;\n"
-                          "names and colours that the input has for its labels are kept");
+        command->add_flag("--labels", o.labels);
     }
-    add_parsed(
-        command, "--missing",
-        [&o](const std::string& text) { o.missing = parse_number("--missing", text); },
-        "this value stands for missing data, as NaN does", "V")
-        ->group(group);
+    add_parsed(command, "--missing",
+               [&o](const std::string& text) { o.missing = parse_number("--missing", text); });
 }
 
 }  // namespace isonest::detail::cli

@@ -9,8 +9,8 @@
 
 #include <isonest/error.h>
 
-#include "store/base/label_bits.h"
-#include "store/base/world_units.h"
+#include "store/base/label_text.h"
+#include "store/base/length_unit.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -124,8 +124,8 @@ Length parse_length(std::string_view option, std::string_view text) {
     length.unit = length_unit_from(rest);
     if (!length.unit && !length.voxels) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} '{}': the unit is none of those that are known; give a number "
-                                "alone, in the store's own unit, or one with {} or voxel",
+                    fmt::format("{} '{}': unknown unit; give a plain number, in the store's unit, "
+                                "or one with {} or voxel",
                                 option, text, list_of_length_units()));
     }
     return length;
@@ -207,14 +207,14 @@ std::string human_range(double low, double high) {
         return "none";
     }
     constexpr int kFewest = 6;
-    constexpr int kMost = 17;
+    constexpr int kMax = 17;
     constexpr double kClose = 0.01;  // of the distance
     for (int digits = kFewest;; ++digits) {
         const std::string a = fmt::format("{:.{}g}", low, digits);
         const std::string b = fmt::format("{:.{}g}", high, digits);
         const double off = std::fabs(std::strtod(a.c_str(), nullptr) - low) +
                            std::fabs(std::strtod(b.c_str(), nullptr) - high);
-        if (digits == kMost || low == high || off <= kClose * (high - low)) {
+        if (digits == kMax || low == high || off <= kClose * (high - low)) {
             return fmt::format("{} to {}", a, b);
         }
     }
@@ -228,11 +228,11 @@ std::string value_text(bool are_labels, double low, double high) {
 
 std::string human_value(double value, double apart) {
     constexpr int kFewest = 6;
-    constexpr int kMost = 17;
+    constexpr int kMax = 17;
     const double digits = std::ceil(std::log10(std::fabs(value) / apart)) + 1;
     const bool known = apart > 0 && std::isfinite(digits);
     return fmt::format("{:.{}g}", value,
-                       known ? std::clamp(static_cast<int>(digits), kFewest, kMost) : kFewest);
+                       known ? std::clamp(static_cast<int>(digits), kFewest, kMax) : kFewest);
 }
 
 std::string human_seconds(double seconds) {

@@ -57,7 +57,7 @@ std::string human_range(double low, double high);
 /// "values 0 to 255", or "labels 0 to 720575940627185911" where values stand for labels of 64 bits.
 /// `low`, `high`: as a StoreReader has them.
 std::string value_text(bool are_labels, double low, double high);
-/// "616.5": six digits, or as many as tell the value and one that is `apart` from it.
+/// "616.5": six digits, or as many as are needed to distinguish `value` from `value` + `apart`.
 std::string human_value(double value, double apart);
 /// "0.4 s", "2:05", "1:02:05".
 std::string human_seconds(double seconds);

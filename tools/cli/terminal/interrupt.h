@@ -1,7 +1,13 @@
-// Ctrl-C and kill, as a flag that long work can read.
+// Ctrl-C and kill, and what a killed run left behind.
 #pragma once
 
+#include <filesystem>
+#include <string>
+#include <vector>
+
 namespace isonest::detail::cli {
+
+// Ctrl-C and kill, as a flag that long work can read.
 
 /// From now on SIGINT, SIGTERM, SIGHUP and SIGXCPU only set a flag; the second one (not a SIGHUP)
 /// ends the process at once (130). SIGHUP stays ignored where it is. SIGPIPE is ignored. A write
@@ -18,5 +24,13 @@ void let_a_closed_pipe_end_the_program();
 
 /// True once one of the first four came. Thread-safe.
 bool interrupted();
+
+// What a killed run left behind.
+
+/// Names the temporary files of `output` whose run is over, and how to remove them; empty if there
+/// are none. Deletes nothing.
+std::string leftovers_of(const std::filesystem::path& output);
+/// The same for several outputs.
+std::string leftovers_of(const std::vector<std::filesystem::path>& outputs);
 
 }  // namespace isonest::detail::cli

@@ -57,11 +57,10 @@ Phrase phrase_of(RemedyKind kind) {
             return {"fewer_threads", "--threads", "give --threads {}", "give fewer --threads",
                     "use fewer threads"};
         case RemedyKind::resume:
-            return {"resume", "--resume", "run again with --resume to go on", "", "run again"};
+            return {"resume", "--resume", "run again with --resume to continue", "", "run again"};
         case RemedyKind::no_resume:
-            return {"no_resume", "--resume",
-                    "leave out --resume (what an interrupted run has done is then not used)", "",
-                    "start anew"};
+            return {"no_resume", "--resume", "leave out --resume (and start from the beginning)",
+                    "", "start anew"};
         case RemedyKind::make_fields:
             return {"make_fields", "", "preprocess the volume again with --indicators {}", "", "",
                     Say::list};
@@ -75,8 +74,8 @@ Phrase phrase_of(RemedyKind kind) {
         case RemedyKind::other_format:
             return {"other_format", "", "write {}", "write another format", ""};
         case RemedyKind::state_missing:
-            return {"state_missing", "--missing", "give --missing as it was given to preprocess",
-                    "", "say what means missing data"};
+            return {"state_missing", "--missing", "give the --missing that preprocess had", "",
+                    "say which value means missing data"};
         case RemedyKind::newer_version:
             return {"newer_version", "", "use a newer isonest", "", ""};
         case RemedyKind::correct_numbers:
@@ -102,7 +101,7 @@ Phrase phrase_of(RemedyKind kind) {
         case RemedyKind::same_options:
             return {"same_options", "", "give those", "", ""};
         case RemedyKind::remove_leftover:
-            return {"remove_leftover", "", "delete it, and with it what that run has done", "", ""};
+            return {"remove_leftover", "", "delete it, and with it the work of that run", "", ""};
         case RemedyKind::smaller_picture:
             return {"smaller_picture", "--size", "give a smaller --size", "",
                     "draw a smaller picture"};
@@ -127,11 +126,10 @@ Phrase phrase_of(RemedyKind kind) {
                     "", ""};
         case RemedyKind::say_unit:
             return {"say_unit", "--unit",
-                    "give a volume file --unit {}, and for a store preprocess the volume again "
-                    "with its --unit",
-                    "give --unit", "preprocess the volume again with its --unit"};
+                    "give a volume file's --unit {}, or preprocess the volume again with --unit",
+                    "give --unit", "preprocess the volume again with --unit"};
         case RemedyKind::world_units:
-            return {"world_units", "", "give a number alone, in the volume's own unit", "", ""};
+            return {"world_units", "", "give a plain number", "", ""};
         case RemedyKind::fewer_components:
             return {"fewer_components", "--min-component", "give --min-component {}",
                     "drop the smaller ones with --min-component or --components largest",
@@ -145,10 +143,10 @@ Phrase phrase_of(RemedyKind kind) {
             return {"set_variable", "", "set {} in the environment", "set it in the environment",
                     ""};
         case RemedyKind::serve_ranges:
-            return {"serve_ranges", "",
-                    "put it on a server that answers requests for a part (nginx, Apache, S3), or "
-                    "copy it to this machine",
-                    "", ""};
+            return {
+                "serve_ranges", "",
+                "use a server with range requests (nginx, Apache, S3), or copy it to this machine",
+                "", ""};
         case RemedyKind::try_later:
             return {"try_later", "", "try again later", "", ""};
         case RemedyKind::open_again:

@@ -6,7 +6,7 @@
 
 #include <isonest/error.h>
 
-#include "tools/cli/terminal/json.h"
+#include "tools/cli/terminal/histogram_report.h"
 
 namespace isonest::detail::cli {
 

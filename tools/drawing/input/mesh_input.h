@@ -1,5 +1,5 @@
-// Meshes in the formats that isonest writes, for programs that read PLY: they are converted into a
-// temporary file without a name.
+// Meshes in the other formats that isonest writes, for programs that read PLY: they are converted
+// to an unnamed temporary file.
 #pragma once
 
 #include <array>
@@ -14,28 +14,29 @@
 
 #include <isonest/progress.h>
 
-#include "store/files/mapped_file.h"
+#include "store/files/open_file.h"
 #include "store/files/scratch_file.h"
 #include "tools/drawing/input/ply_reader.h"
 
 namespace isonest::detail::cli {
 
-/// Vertices and triangles as they come, in any order of the two; in the end a binary PLY file.
+/// Takes vertices and triangles in any order and makes a binary PLY file of them.
 class PlyScratch {
   public:
-    /// `folder` has the temporary files, `name` is the mesh's for messages. Throws Error{io}.
+    /// `folder` is for temporary files; `name` is the mesh's, for messages. Throws Error{io}.
     PlyScratch(const std::filesystem::path& folder, std::string name);
-    /// `value`: NaN where the mesh has none; all or no vertices have one. Throws Error{corrupt} for
-    /// a coordinate that is not finite, Error{limit} beyond 2^32 vertices, Error{io}.
+    /// `value`: NaN if the mesh has no values; either all vertices have one or none. Throws
+    /// Error{corrupt} for a coordinate that is not finite, Error{limit} beyond 2^32 vertices,
+    /// Error{io}.
     void vertex(const std::array<double, 3>& position, double value);
-    /// Corners are numbers of vertices, also of later ones. Throws Error{corrupt, io}.
+    /// Corners are vertex indices, also of vertices that come later. Throws Error{corrupt, io}.
     void triangle(const std::array<std::uint64_t, 3>& corners);
     [[nodiscard]] std::uint64_t vertices() const { return vertices_; }
     [[nodiscard]] std::uint64_t triangles() const { return triangles_; }
-    /// The file. Throws Error{corrupt} for corners that are no vertices, Error{io}.
+    /// Completes the file. Throws Error{corrupt} for corners that are out of range, Error{io}.
     ScratchFile finish();
 
-    /// Of the mesh as it is being read.
+    /// Throws Error{corrupt} about the mesh being read.
     [[noreturn]] void fail(const std::string& problem) const;
 
   private:
@@ -56,8 +57,7 @@ class PlyScratch {
     bool has_values_ = false;
 };
 
-/// Readers of a format each: from the first bytes of the map on. They throw Error{corrupt,
-/// unsupported, limit, io, cancelled}.
+/// One reader per format. They throw Error{corrupt, unsupported, limit, io, cancelled}.
 using MeshInput = void (*)(const std::filesystem::path& path, PlyScratch& to, Progress& progress);
 void read_stl(const std::filesystem::path& path, PlyScratch& to, Progress& progress);
 void read_ngmesh(const std::filesystem::path& path, PlyScratch& to, Progress& progress);
@@ -67,15 +67,15 @@ void read_glb(const std::filesystem::path& path, PlyScratch& to, Progress& progr
 void read_vtp(const std::filesystem::path& path, PlyScratch& to, Progress& progress);
 void read_vtkhdf(const std::filesystem::path& path, PlyScratch& to, Progress& progress);
 
-/// Whether the name ends as one of a format that is converted.
+/// Whether the file name extension is that of a format that is converted.
 bool is_converted_mesh(const std::filesystem::path& path);
 
-/// The mesh, by the end of its name: .ply as it is, .stl .obj .glb .3mf .vtp .vtkhdf .ngmesh
-/// converted in `folder`; vertices have their attribute "value" alone. `value`: as of PlyMesh.
+/// Opens a mesh by its file name extension: .ply directly; .stl .obj .glb .3mf .vtp .vtkhdf .ngmesh
+/// converted in `folder`, keeping only the vertex attribute "value". `value`: as for PlyMesh.
 PlyMesh open_mesh(const std::filesystem::path& path, const std::string& value,
                   const std::filesystem::path& folder, Progress& progress);
 
-/// A map of a file, and numbers in it. Throws Error{corrupt} beyond its end.
+/// A memory map of a file, with typed access. Throws Error{corrupt} beyond the end.
 class MeshBytes {
   public:
     explicit MeshBytes(const std::filesystem::path& path) : file_(path), name_(path.string()) {}

@@ -1,4 +1,4 @@
-// Meshes whose arrays lie in a file as they are, or in base64: binary glTF, VTK XML, VTKHDF.
+// Meshes whose arrays are stored directly or in base64: binary glTF, VTK XML, VTKHDF.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -20,12 +20,12 @@ namespace {
 
 enum class Number { f32, f64, u16, u32, i32, i64 };
 
-/// Numbers that follow each other in a file.
+/// Consecutive numbers in a file.
 struct Numbers {
     std::uint64_t offset = 0;
     std::uint64_t count = 0;
     Number type = Number::f32;
-    bool base64 = false;  ///< `offset` is that of the letters; a length of 8 bytes comes first
+    bool base64 = false;  ///< `offset` is that of the letters, which begin with a length of 8 bytes
 };
 constexpr std::uint64_t kVtkLength = 8;
 
@@ -33,12 +33,12 @@ std::uint64_t size_of(Number type) {
     return type == Number::u16 ? 2 : type == Number::f64 || type == Number::i64 ? 8 : 4;
 }
 
-/// Letters of base64 for so many bytes.
+/// Base64 letters for so many bytes.
 std::uint64_t letters_of(std::uint64_t bytes) {
     return bytes / 3 * 4 + (bytes % 3 > 0 ? 4 : 0);
 }
 
-/// The six bits that a letter of base64 stands for.
+/// The six bits of a base64 letter.
 unsigned bits_of(const MeshBytes& bytes, std::uint64_t place) {
     const char c = bytes.number<char>(place);
     if (c >= 'A' && c <= 'Z') {
@@ -51,17 +51,17 @@ unsigned bits_of(const MeshBytes& bytes, std::uint64_t place) {
         return static_cast<unsigned>(c - '0' + 52);
     }
     if (c != '+' && c != '/') {
-        bytes.fail(fmt::format("byte {} is no letter of base64", place));
+        bytes.fail(fmt::format("byte {} is not base64", place));
     }
     return c == '+' ? 62 : 63;
 }
 
-/// The number from byte `at` on of what the letters from `place` on stand for.
+/// The number at byte `at` of the data decoded from the letters at `place`.
 template <class T>
 T base64_number(const MeshBytes& bytes, std::uint64_t place, std::uint64_t at) {
     std::array<std::byte, sizeof(T)> out{};
     for (std::byte& byte : out) {
-        const std::uint64_t bit = 8 * at++;  // from this bit of the letters on
+        const std::uint64_t bit = 8 * at++;  // offset in bits
         const unsigned pair =
             bits_of(bytes, place + bit / 6) << 6U | bits_of(bytes, place + bit / 6 + 1);
         byte = static_cast<std::byte>(pair >> (4 - bit % 6) & 0xFFU);
@@ -94,7 +94,7 @@ std::uint64_t whole(const MeshBytes& bytes, const Numbers& numbers, std::uint64_
 void read_arrays(const MeshBytes& bytes, const Numbers& points, const std::optional<Numbers>& value,
                  const Numbers& corners, const std::optional<Numbers>& ends, PlyScratch& to,
                  Progress& progress) {
-    // Nothing is believed before it is in the file.
+    // Check that everything is in the file before using it.
     for (const Numbers* const n :
          {&points, value ? &*value : &points, &corners, ends ? &*ends : &corners}) {
         if (n->count > bytes.size() / size_of(n->type)) {
@@ -116,14 +116,14 @@ void read_arrays(const MeshBytes& bytes, const Numbers& points, const std::optio
     }
     for (std::uint64_t i = 0; i < corners.count / 3; ++i) {
         if (ends && whole(bytes, *ends, i) != 3 * (i + 1)) {
-            bytes.fail(fmt::format("polygon {} is no triangle", i));
+            bytes.fail(fmt::format("polygon {} is not a triangle", i));
         }
         to.triangle({whole(bytes, corners, 3 * i), whole(bytes, corners, 3 * i + 1),
                      whole(bytes, corners, 3 * i + 2)});
     }
 }
 
-/// An accessor of glTF whose numbers have no gaps.
+/// A glTF accessor for numbers without gaps.
 Numbers accessor(const nlohmann::json& scene, std::size_t index, std::uint64_t binary,
                  const MeshBytes& bytes) {
     const nlohmann::json& a = scene.at("accessors").at(index);
@@ -152,7 +152,7 @@ Numbers accessor(const nlohmann::json& scene, std::size_t index, std::uint64_t b
     return numbers;
 }
 
-/// An attribute's text in a tag of XML; empty if there is none.
+/// The value of an attribute in an XML tag; empty if there is none.
 std::string_view text_of(std::string_view tag, const std::string& name) {
     const std::size_t at = tag.find(" " + name + "=\"");
     if (at == std::string_view::npos) {
@@ -170,7 +170,7 @@ std::uint64_t whole_of(std::string_view text) {
 
 }  // namespace
 
-/// The first primitive of the first mesh.
+/// Reads the first primitive of the first mesh.
 void read_glb(const std::filesystem::path& path, PlyScratch& to, Progress& progress) {
     const MeshBytes bytes(path);
     constexpr std::uint32_t kMagic = 0x46546C67;
@@ -180,15 +180,15 @@ void read_glb(const std::filesystem::path& path, PlyScratch& to, Progress& progr
     const std::uint64_t length = bytes.number<std::uint32_t>(12);
     const char* const text = reinterpret_cast<const char*>(bytes.at(20, length));
     try {
-        // Scenes of thousands of objects have some ten thousand values.
-        constexpr int kMostDepth = 64;
-        constexpr int kMostValues = 1000000;
+        // Scenes with thousands of objects have some ten thousand values.
+        constexpr int kMaxDepth = 64;
+        constexpr int kMaxValues = 1000000;
         int values = 0;
         const auto within_limits = [&](int depth, nlohmann::json::parse_event_t /*event*/,
                                        nlohmann::json& /*parsed*/) {
-            if (depth > kMostDepth || ++values > kMostValues) {
+            if (depth > kMaxDepth || ++values > kMaxValues) {
                 bytes.fail(fmt::format("its description has more than {} values or {} levels",
-                                       kMostValues, kMostDepth));
+                                       kMaxValues, kMaxDepth));
             }
             return true;
         };
@@ -212,8 +212,8 @@ void read_glb(const std::filesystem::path& path, PlyScratch& to, Progress& progr
     }
 }
 
-/// PolyData with arrays of 64-bit headers that are not packed, as isonest writes them: in base64 in
-/// the XML, or, until version 0.4, raw and appended.
+/// PolyData whose arrays have 64-bit headers and are uncompressed, as isonest writes them: in
+/// base64 in the XML or, until version 0.4, raw and appended.
 void read_vtp(const std::filesystem::path& path, PlyScratch& to, Progress& progress) {
     const MeshBytes bytes(path);
     const std::string_view text(reinterpret_cast<const char*>(bytes.at(0, bytes.size())),
@@ -280,7 +280,7 @@ void read_vtp(const std::filesystem::path& path, PlyScratch& to, Progress& progr
             numbers.offset = std::min(begin, text.size());
             const std::uint64_t length = base64_number<std::uint64_t>(bytes, numbers.offset, 0);
             numbers.count = length / size_of(numbers.type);
-            // Other tags are behind it.
+            // Skips to the tags after the array.
             at = numbers.offset +
                  std::min(letters_of(kVtkLength + length), bytes.size() - numbers.offset);
         } else if (wanted != nullptr) {

@@ -64,13 +64,13 @@ struct PlyMesh::Header {
         std::uint64_t offset = 0;
         bool is_double = false;
     };
-    std::uint64_t bytes = 0;  ///< where the data begin
+    std::uint64_t bytes = 0;  ///< offset of the data
     std::uint64_t vertices = 0;
     std::uint64_t triangles = 0;
     std::uint64_t vertex_stride = 0;
     std::uint64_t face_stride = 0;
     std::array<std::optional<Property>, 3> coordinates;
-    std::string wanted;  ///< the value's name
+    std::string wanted;  ///< name of the value
     std::optional<Property> value;
     std::array<std::optional<std::uint64_t>, 3> colors;
     std::optional<std::uint64_t> list_offset;
@@ -193,7 +193,7 @@ PlyMesh::Header PlyMesh::parse(std::string_view text, const std::string& name,
                 header.add_face_property(words, line);
             }
         } else {
-            throw Error(ErrorKind::corrupt, line, "this does not belong into a PLY header");
+            throw Error(ErrorKind::corrupt, line, "unexpected in a PLY header");
         }
     }
     header.bytes = begin;
@@ -243,7 +243,7 @@ void PlyMesh::open(const std::string& value) {
     }
     list_offset_ = *header.list_offset;
     signed_indices_ = header.signed_indices;
-    // Divisions, not products: the counts are not to be trusted.
+    // Divisions avoid overflow, as the counts are untrusted.
     const std::uint64_t data = size - header.bytes;
     bool fits = vertices_ <= data / vertex_stride_;
     if (fits) {
@@ -318,7 +318,7 @@ std::array<std::uint32_t, 3> PlyMesh::triangle(std::uint64_t i) const {
     std::array<std::uint32_t, 3> corners{};
     std::memcpy(corners.data(), at + 1, sizeof(corners));
     for (const std::uint32_t v : corners) {
-        // A negative int is >= 2^31 here; that many vertices are fine with uint only.
+        // A negative int is >= 2^31 here; so many vertices are only possible with uint.
         if (v >= vertices_ || (signed_indices_ && v > 0x7FFFFFFFU)) {
             throw Error(ErrorKind::corrupt, {name_, fmt::format("face {}", i)},
                         fmt::format("names vertex {}, but there are {}",

@@ -1,4 +1,4 @@
-// Triangle meshes in binary PLY, read from a memory map: larger than memory is fine.
+// Triangle meshes in binary PLY, read from a memory map, so they may be larger than memory.
 #pragma once
 
 #include <array>
@@ -8,37 +8,37 @@
 
 #include <isonest/int3.h>
 
-#include "store/files/mapped_file.h"
+#include "store/files/open_file.h"
 
 namespace isonest::detail::cli {
 
 /// A binary little-endian PLY file of triangles: element vertex with float or double x, y, z among
 /// properties of fixed size, then element face with one list (uchar count, int or uint indices)
-/// among properties of fixed size. Comments and elements behind the faces are passed over.
+/// among properties of fixed size. Comments, and elements after the faces, are ignored.
 /// Thread-safety: const methods from any thread.
 class PlyMesh {
   public:
-    /// `value`: the name of the property that value() gives.
-    /// Throws Error{not_found, io}, Error{corrupt} (no PLY, a damaged header, counts that do not
-    /// fit the file's size) and Error{unsupported} (another kind of PLY), naming the file.
+    /// `value`: the name of the property that value() returns.
+    /// Throws Error{not_found, io}, Error{corrupt} (not PLY, a damaged header, counts that do not
+    /// match the file size) and Error{unsupported} (another kind of PLY), naming the file.
     explicit PlyMesh(const std::filesystem::path& path, const std::string& value = "value");
-    /// Of a file that is open, which `path` names in messages.
+    /// For an open file; `path` is for messages.
     PlyMesh(int file, const std::filesystem::path& path, const std::string& value);
 
     [[nodiscard]] std::uint64_t vertices() const { return vertices_; }
     [[nodiscard]] std::uint64_t triangles() const { return triangles_; }
     /// REQUIRES: i < vertices(). Throws Error{corrupt} if a coordinate is not finite.
     [[nodiscard]] Double3 vertex(std::uint64_t i) const;
-    /// Whether vertices have the property that was asked for (float or double).
+    /// Whether vertices have the requested property (float or double).
     [[nodiscard]] bool has_values() const { return value_offset_.has_value(); }
-    /// That property, 0 if there is none. REQUIRES: i < vertices().
+    /// The requested property; 0 if there is none. REQUIRES: i < vertices().
     [[nodiscard]] double value(std::uint64_t i) const;
-    /// Whether vertices have red, green and blue of 8 bits.
+    /// Whether vertices have 8-bit red, green and blue.
     [[nodiscard]] bool has_colors() const { return color_offset_.has_value(); }
     /// REQUIRES: has_colors(), i < vertices().
     [[nodiscard]] std::array<std::uint8_t, 3> color(std::uint64_t i) const;
     /// REQUIRES: i < triangles(). Throws Error{corrupt} if an index is out of range, and
-    /// Error{unsupported} if the face is no triangle.
+    /// Error{unsupported} if the face is not a triangle.
     [[nodiscard]] std::array<std::uint32_t, 3> triangle(std::uint64_t i) const;
 
   private:

@@ -10,7 +10,7 @@ from . import _core, _queries
 from ._arguments import Box, Bytes, Point, Progress, in_own_unit, reporting
 from ._frame import Frame
 from ._mesh import Mesh
-from ._queries import (By, Cells, Close, Components, Coordinates, Distance, Effort, Guarantee, Place, PlaneCells, Smooth,
+from ._queries import (By, Cells, Close, Components, Coordinates, Distance, Effort, ErrorIndicator, Place, PlaneCells, Smooth,
                        Stop, SurfaceStop, Vertices, Viewpoint)
 
 _Path = Union[str, "os.PathLike[str]"]
@@ -27,10 +27,10 @@ class Extracting:
 
     @overload
     def isosurface(self, iso: float, *, error: float = 0.0, error_relative: Optional[float] = None,
-                   guarantee: Guarantee = "deviation", simplify: bool = False, stop: Optional[str] = None,
+                   indicator: ErrorIndicator = "deviation", stop: Optional[str] = None,
                    threshold: Optional[float] = None, threshold_relative: Optional[float] = None,
                    distance: Distance = None, triangles: Optional[int] = None, by: By = "distance",
-                   effort: Optional[Effort] = None, no_simplify: bool = False, keep_analysis: "bool | _Path" = False,
+                   effort: Optional[Effort] = None, keep_analysis: "bool | _Path" = False,
                    focus: Union[None, Point, Box] = None, falloff: float = 0.0, camera: Optional[Point] = None,
                    pixels: float = 1.0, fov: float = 40.0, height: int = 1080, box: Optional[Box] = None,
                    bound: Optional[str] = None, view: Optional[Point] = None, cull_by: Optional[str] = None,
@@ -43,10 +43,10 @@ class Extracting:
 
     @overload
     def isosurface(self, iso: Sequence[float], *, error: float = 0.0, error_relative: Optional[float] = None,
-                   guarantee: Guarantee = "deviation", simplify: bool = False, stop: Optional[str] = None,
+                   indicator: ErrorIndicator = "deviation", stop: Optional[str] = None,
                    threshold: Optional[float] = None, threshold_relative: Optional[float] = None,
                    distance: Distance = None, triangles: Optional[int] = None, by: By = "distance",
-                   effort: Optional[Effort] = None, no_simplify: bool = False, keep_analysis: "bool | _Path" = False,
+                   effort: Optional[Effort] = None, keep_analysis: "bool | _Path" = False,
                    focus: Union[None, Point, Box] = None, falloff: float = 0.0, camera: Optional[Point] = None,
                    pixels: float = 1.0, fov: float = 40.0, height: int = 1080, box: Optional[Box] = None,
                    bound: Optional[str] = None, view: Optional[Point] = None, cull_by: Optional[str] = None,
@@ -58,10 +58,10 @@ class Extracting:
                    scratch: _Path = "", progress: Progress = None) -> "list[Mesh]": ...
 
     def isosurface(self, iso: "float | Sequence[float]", *, error: float = 0.0, error_relative: Optional[float] = None,
-                   guarantee: Guarantee = "deviation", simplify: bool = False, stop: Optional[str] = None,
+                   indicator: ErrorIndicator = "deviation", stop: Optional[str] = None,
                    threshold: Optional[float] = None, threshold_relative: Optional[float] = None,
                    distance: Distance = None, triangles: Optional[int] = None, by: By = "distance",
-                   effort: Optional[Effort] = None, no_simplify: bool = False, keep_analysis: "bool | _Path" = False,
+                   effort: Optional[Effort] = None, keep_analysis: "bool | _Path" = False,
                    focus: Union[None, Point, Box] = None, falloff: float = 0.0, camera: Optional[Point] = None,
                    pixels: float = 1.0, fov: float = 40.0, height: int = 1080, box: Optional[Box] = None,
                    bound: Optional[str] = None, view: Optional[Point] = None, cull_by: Optional[str] = None,
@@ -77,18 +77,16 @@ class Extracting:
             of its isovalue alone.
         error: how far the data may be from ``iso``, anywhere on the mesh, in units of the data; 0 is full
             resolution. error_relative: the same as a fraction of the data's range.
-        guarantee: "deviation" and "plus" are bounds, "estimate" is none.
-        simplify: keep the error by fewer triangles; takes longer.
+        indicator: "deviation" and "plus" are bounds, "estimate" is none.
         stop, threshold, threshold_relative: in place of an error, refine while this field of the store is not below
             the threshold, in the field's units or as a fraction of its largest value.
         distance: in place of an error, how far the mesh may be from the surface at full resolution and the other
             way round, in the units of the spacing; or a text such as "0.5voxel", or "0.5mm" if :attr:`unit` is known.
         triangles: in place of an error, at most so many, at the smallest distance that is found; with a distance,
-            whichever is reached first. by: "error" makes the error small in place of the distance, with triangles of
-            the nested grid or, with ``simplify``, fewer.
-        effort: with a distance or a number of triangles, "best" (as None) leaves the fewest triangles; "fast" leaves
-            more in less time, within the same distance.
-        no_simplify: within the distance, but with the nested grid's own triangles.
+            whichever is reached first. by: "error" makes the error small in place of the distance.
+        effort: how a mesh within an error or a distance is simplified. "best" leaves the fewest triangles, "fast" more
+            in less time, "none" those of the nested grid. None: "best", or "none" with ``stop``, ``focus``,
+            ``camera``, an "estimate" and for isolines within an error.
         keep_analysis: True keeps an analysis of the surface beside the store, or give a folder: made once, in several
             times the time; other distances and numbers of triangles then take little.
         focus, falloff: the error holds at this point or in this box, and is 1 + falloff d times as large at the
@@ -102,8 +100,9 @@ class Extracting:
         vertex_values: another store of the same shape whose values the vertices get; without one they have ``iso``.
         vertex_error: a field at the vertices, by its name.
         vertices: "exact" is where the finest data have the value, whatever the error; the bound is then twice it.
-        cells: "hex" gives a third of the triangles. None: "hex" within a distance or with a number of triangles,
-            unless another argument goes with "tet" alone; else "tet".
+        cells: "hex" gives a third of the triangles. None: "hex" at full resolution, simplified or not, unless another
+            argument needs "tet"; within an error "hex" where that reads no more (``report.full_error_bound``), and
+            "tet" with ``effort="none"``.
         components: of the connected pieces the "largest", so many of the largest, or "all", which counts them.
         min_component: drop pieces of fewer triangles; min_volume: drop closed pieces around less than this volume.
         close: a solid, of what is "below" the value outside of the volume (or True), or "above".
@@ -119,8 +118,8 @@ class Extracting:
         place = self._place(coordinates)
         query = _core.SurfaceQuery()
         within = in_own_unit(distance, self._core)
-        SurfaceStop(within, triangles, by, simplify, no_simplify, keep_analysis, effort).apply(
-            query, Stop(error, error_relative, guarantee, stop, threshold, threshold_relative))
+        SurfaceStop(within, triangles, by, keep_analysis, effort).apply(
+            query, Stop(error, error_relative, indicator, stop, threshold, threshold_relative))
         Viewpoint(focus, falloff, camera, pixels, fov, height).apply(query, place)
         place.set_box(query, box)
         if bound is not None:
@@ -128,7 +127,7 @@ class Extracting:
         if view is not None:
             query.set_view(place.direction("view", view), cull_by)
         elif cull_by is not None:
-            raise ValueError("cull_by= goes with view=")
+            raise ValueError("cull_by= needs view=")
         _queries.set_attributes(query, normals=normals, vertex_values=vertex_values, vertex_error=vertex_error,
                                 cells=cells)
         query.set_vertices(vertices)
@@ -220,7 +219,7 @@ class Extracting:
                     areas=areas)
 
     def slice(self, normal: Point, offset: float, *, error: float = 0.0, error_relative: Optional[float] = None,
-              guarantee: Guarantee = "deviation", stop: Optional[str] = None, threshold: Optional[float] = None,
+              indicator: ErrorIndicator = "deviation", stop: Optional[str] = None, threshold: Optional[float] = None,
               threshold_relative: Optional[float] = None, focus: Union[None, Point, Box] = None, falloff: float = 0.0,
               camera: Optional[Point] = None, pixels: float = 1.0, fov: float = 40.0, height: int = 1080,
               box: Optional[Box] = None, normals: bool = False, vertex_values: "Optional[Extracting]" = None,
@@ -236,7 +235,7 @@ class Extracting:
         place = self._place(coordinates)
         query = _core.SliceQuery()
         query.set_plane(*place.plane(normal, offset))
-        Stop(error, error_relative, guarantee, stop, threshold, threshold_relative).apply(query)
+        Stop(error, error_relative, indicator, stop, threshold, threshold_relative).apply(query)
         Viewpoint(focus, falloff, camera, pixels, fov, height).apply(query, place)
         place.set_box(query, box)
         _queries.set_attributes(query, normals=normals, vertex_values=vertex_values, vertex_error=vertex_error,
@@ -244,7 +243,7 @@ class Extracting:
         return self._extract(query, _queries.options(memory, threads, scratch, quality), progress, place)
 
     def contours(self, normal: Point, offset: float, contours: Sequence[float], *, error: float = 0.0,
-                 error_relative: Optional[float] = None, guarantee: Guarantee = "deviation",
+                 error_relative: Optional[float] = None, indicator: ErrorIndicator = "deviation",
                  stop: Optional[str] = None, threshold: Optional[float] = None,
                  threshold_relative: Optional[float] = None, focus: Union[None, Point, Box] = None,
                  falloff: float = 0.0, camera: Optional[Point] = None, pixels: float = 1.0, fov: float = 40.0,
@@ -258,13 +257,13 @@ class Extracting:
         query = _core.ContourQuery()
         query.set_plane(*place.plane(normal, offset))
         query.set_values([float(value) for value in contours])
-        Stop(error, error_relative, guarantee, stop, threshold, threshold_relative).apply(query)
+        Stop(error, error_relative, indicator, stop, threshold, threshold_relative).apply(query)
         Viewpoint(focus, falloff, camera, pixels, fov, height).apply(query, place)
         place.set_box(query, box)
         return self._extract(query, _queries.options(memory, threads, scratch), progress, place)
 
     def graph(self, *, scale: float = 1.0, error: float = 0.0, error_relative: Optional[float] = None,
-              guarantee: Guarantee = "deviation", stop: Optional[str] = None, threshold: Optional[float] = None,
+              indicator: ErrorIndicator = "deviation", stop: Optional[str] = None, threshold: Optional[float] = None,
               threshold_relative: Optional[float] = None, focus: Union[None, Point, Box] = None, falloff: float = 0.0,
               camera: Optional[Point] = None, pixels: float = 1.0, fov: float = 40.0, height: int = 1080,
               box: Optional[Box] = None, normals: bool = False, vertex_values: "Optional[Extracting]" = None,
@@ -278,7 +277,7 @@ class Extracting:
         place = self._place(coordinates)
         query = _core.GraphQuery()
         query.set_scale(float(scale))
-        Stop(error, error_relative, guarantee, stop, threshold, threshold_relative).apply(query)
+        Stop(error, error_relative, indicator, stop, threshold, threshold_relative).apply(query)
         Viewpoint(focus, falloff, camera, pixels, fov, height).apply(query, place)
         place.set_box(query, box)
         _queries.set_attributes(query, normals=normals, vertex_values=vertex_values, vertex_error=vertex_error,

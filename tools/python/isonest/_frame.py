@@ -31,6 +31,18 @@ class Frame(NamedTuple):
     def _turned(self) -> bool:
         return self.direction != _ALONG_WORLD
 
+    @property
+    def _sheared(self) -> bool:
+        """Whether the axes are not at right angles: then lengths are those of the world alone."""
+        rows = np.array(self.direction)
+        return bool(np.abs(rows @ rows.T - np.eye(3)).max() > 1e-9)
+
+    @property
+    def _inverse(self) -> np.ndarray:
+        """A row of world components times it has those along the axes."""
+        rows = np.array(self.direction)
+        return np.linalg.inv(rows) if self._sheared else rows.T
+
     def _vector_to_world(self, vector: Sequence[float]) -> np.ndarray:
         """Of (z, y, x)."""
         return np.array(backwards(vector)) @ np.array(self.direction)
@@ -47,19 +59,22 @@ class Frame(NamedTuple):
 
     def plane_to_world(self, normal: Sequence[float], offset: float) -> tuple[_Vector, float]:
         """Of the plane {normal . p = offset}."""
-        x, y, z = (float(v) for v in self._vector_to_world(normal))
+        x, y, z = (float(v) for v in self._inverse @ np.array(backwards(normal)))
         return (x, y, z), offset + sum(n * first for n, first in zip((x, y, z), self.origin))
 
     def points_to_array(self, points: np.ndarray) -> np.ndarray:
         """Of (n, 3) positions x, y, z; a view, if the origin is 0 and the axes are along the world's."""
         if self._turned:
-            return ((points - np.array(self.origin)) @ np.array(self.direction).T).astype(points.dtype)[:, ::-1]
+            return ((points - np.array(self.origin)) @ self._inverse).astype(points.dtype)[:, ::-1]
         if not any(self.origin):
             return points[:, ::-1]
         return (points - np.array(self.origin)).astype(points.dtype)[:, ::-1]
 
-    def vectors_to_array(self, vectors: np.ndarray) -> np.ndarray:
-        """Of (n, 3) vectors x, y, z; a view, if the axes are along the world's."""
-        if self._turned:
-            return (vectors @ np.array(self.direction).T).astype(vectors.dtype)[:, ::-1]
-        return vectors[:, ::-1]
+    def normals_to_array(self, normals: np.ndarray) -> np.ndarray:
+        """Of (n, 3) unit vectors x, y, z; a view, if the axes are along the world's."""
+        if not self._turned:
+            return normals[:, ::-1]
+        turned = normals @ np.array(self.direction).T
+        if self._sheared:
+            turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+        return turned.astype(normals.dtype)[:, ::-1]

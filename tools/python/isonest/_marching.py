@@ -1,28 +1,14 @@
 """Surfaces straight from a volume, without a store."""
 from __future__ import annotations
 
-import inspect
 from typing import Any, Callable, Optional, Sequence, Union
-
-import numpy as np
 
 from . import _core, _sources
 from ._arguments import Bytes, Progress, reporting, to_bytes
 from ._extracting import Extracting
 from ._frame import Frame
 from ._mesh import Mesh
-from ._queries import Cells, Place
-
-_OF_HEXAHEDRA = frozenset(("normals", "coordinates", "gradient_direction", "quality", "box", "close", "components",
-                           "min_component", "min_volume", "vertex_values"))
-"""Arguments of Store.isosurface that go with hexahedra at full resolution."""
-
-
-def cells_for(query: "dict[str, Any]") -> Optional[Cells]:
-    """Of a store: hexahedra, unless something is asked for of which the store has to say what goes with it."""
-    known = inspect.signature(Extracting.isosurface).parameters
-    asked = {name for name, value in query.items() if np.ndim(value) > 0 or value != known[name].default}
-    return "hex" if asked <= _OF_HEXAHEDRA else None
+from ._queries import Place
 
 
 class _NeedsStore(Exception):
@@ -85,7 +71,7 @@ class _Volume(Extracting):
 def march(volume: Any, iso: "Union[None, float, Sequence[float]]", *, spacing: Optional[Sequence[float]],
           unit: Optional[str], frame: Optional[_sources.PatientFrame], missing: Optional[float], memory: Bytes,
           **query: Any) -> "Union[None, Mesh, list[Mesh]]":
-    """The surface of hexahedra, of several isovalues a list; None if that needs a store.
+    """The surface, of several isovalues a list; None if that needs a store.
 
     The arguments are those of :func:`isonest.isosurface`.
     """

@@ -60,7 +60,7 @@ class Mesh:
         """(n, 3), float32: of length 1, from the data's gradient, towards smaller values. None if not asked for."""
         if self._normals is None or self._coordinates == "world":
             return self._normals
-        return self._frame.vectors_to_array(self._normals)
+        return self._frame.normals_to_array(self._normals)
 
     @property
     def values(self) -> np.ndarray:

@@ -10,7 +10,7 @@ from . import _core
 from ._arguments import Box, Bytes, Point, to_bytes, to_distance, to_point
 from ._frame import Frame
 
-Guarantee = Literal["deviation", "plus", "estimate"]
+ErrorIndicator = Literal["deviation", "plus", "estimate"]
 Cells = Literal["tet", "hex", "tetrahedra", "hexahedra"]
 """The longer names say the same."""
 PlaneCells = Literal["tet", "quad", "tetrahedra", "quadrilaterals"]
@@ -21,7 +21,7 @@ Smooth = Union[None, bool, int]
 """True is as often as is usual."""
 Components = Union[None, int, Literal["largest", "all"]]
 By = Literal["distance", "error"]
-Effort = Literal["fast", "best"]
+Effort = Literal["none", "fast", "best"]
 Distance = Union[None, float, str]
 Coordinates = Literal["array", "world"]
 
@@ -31,14 +31,14 @@ class Stop(NamedTuple):
 
     error: float
     error_relative: Optional[float]
-    guarantee: str
+    indicator: str
     stop: Optional[str] = None
     threshold: Optional[float] = None
     threshold_relative: Optional[float] = None
 
     def given(self) -> "list[str]":
         """Which of them are not as if nothing was said."""
-        return [name for name, value in self._asdict().items() if value and (name, value) != ("guarantee", "deviation")]
+        return [name for name, value in self._asdict().items() if value and (name, value) != ("indicator", "deviation")]
 
     def apply(self, query: Any) -> None:
         """To a query of any kind."""
@@ -50,14 +50,14 @@ class Stop(NamedTuple):
             query.set_threshold(self.stop, float(value or 0.0), relative)
             return
         if self.threshold is not None or self.threshold_relative is not None:
-            raise ValueError("threshold= goes with stop=, the field that it is of")
+            raise ValueError("threshold= needs stop=")
         query.set_error(*self.as_error())
 
     def as_error(self) -> "tuple[float, bool, str]":
-        """Value, whether it is a fraction of the data's range, guarantee."""
+        """Value, whether it is a fraction of the data's range, indicator."""
         if self.error_relative is not None:
-            return float(self.error_relative), True, self.guarantee
-        return float(self.error), False, self.guarantee
+            return float(self.error_relative), True, self.indicator
+        return float(self.error), False, self.indicator
 
 
 class SurfaceStop(NamedTuple):
@@ -66,8 +66,6 @@ class SurfaceStop(NamedTuple):
     distance: Distance
     triangles: Optional[int]
     by: str = "distance"
-    simplify: bool = False
-    no_simplify: bool = False
     keep_analysis: Union[bool, str, "os.PathLike[str]"] = False
     effort: Optional[str] = None
 
@@ -76,16 +74,14 @@ class SurfaceStop(NamedTuple):
         if self.by not in ("distance", "error"):
             raise ValueError(f"by={self.by!r}: give 'distance' or 'error'")
         if self.by == "error" and self.triangles is None:
-            raise ValueError("by= goes with triangles=")
-        if self.no_simplify and (self.distance is None or self.triangles is not None):
-            raise ValueError("no_simplify= goes with distance=, and without triangles=")
+            raise ValueError("by= needs triangles=")
         asked = self.distance is not None or self.triangles is not None
-        if self.keep_analysis and (not asked or self.no_simplify):
-            raise ValueError("keep_analysis= goes with distance= or triangles=, and without no_simplify=")
-        if self.effort is not None and (not asked or self.no_simplify or self.by == "error"):
-            raise ValueError("effort= goes with distance= or triangles=, without by='error' and no_simplify=")
+        if self.keep_analysis and not asked:
+            raise ValueError("keep_analysis= needs distance= or triangles=")
+        if self.effort is not None:
+            query.set_effort(self.effort)
         if not asked:
-            self._apply_error(query, stop)
+            stop.apply(query)
             return
         if stop.given():
             raise ValueError(f"{stop.given()[0]}= does not go with distance= or triangles=")
@@ -93,28 +89,17 @@ class SurfaceStop(NamedTuple):
         if self.keep_analysis:
             query.set_kept_analysis("" if self.keep_analysis is True else self.keep_analysis)
 
-    def _apply_error(self, query: Any, stop: Stop) -> None:
-        stop.apply(query)
-        if self.simplify:
-            if stop.stop is not None:
-                raise ValueError("simplify= goes with an error, not with stop=")
-            query.set_simplified_error(*stop.as_error())
-
     def _apply_distance(self, query: Any) -> None:
         if self.by == "error":
             if self.distance is not None:
-                raise ValueError("by='error' goes without distance=")
-            query.set_triangles_by_error(int(self.triangles or 0), self.simplify)
+                raise ValueError("by='error' and distance= cannot be combined")
+            query.set_triangles_by_error(int(self.triangles or 0))
             return
-        if self.simplify:
-            raise ValueError("simplify= goes with an error; a distance is kept by fewer triangles without it")
         within, voxels = to_distance(self.distance) if self.distance is not None else (None, False)
         if self.triangles is not None:
-            query.set_triangles(int(self.triangles), within, voxels, "best" if self.effort is None else self.effort)
-        elif self.no_simplify:
-            query.set_nested_distance(within, voxels)
+            query.set_triangles(int(self.triangles), within, voxels)
         else:
-            query.set_distance(within, voxels, "best" if self.effort is None else self.effort)
+            query.set_distance(within, voxels)
 
 
 class Viewpoint(NamedTuple):
@@ -134,7 +119,7 @@ class Viewpoint(NamedTuple):
             low, high = (place.point("focus", corner) for corner in ends)
             query.set_focus(low, high, float(self.falloff))
         elif self.falloff:
-            raise ValueError("falloff= goes with focus=")
+            raise ValueError("falloff= needs focus=")
         if self.camera is not None:
             query.set_camera(place.point("camera", self.camera), float(self.fov), int(self.height), float(self.pixels))
 
@@ -180,7 +165,7 @@ def set_components(query: Any, components: Components, min_component: int, min_v
         raise ValueError(f"components={components!r}: give 'largest', 'all', or how many of the largest to keep")
     largest = named[components] if isinstance(components, str) else int(components or 0)
     if min_component < 0 or largest < 0 or (largest == 0 and isinstance(components, int)):
-        raise ValueError("components= is 1 or more, min_component= 0 or more")
+        raise ValueError("components= must be at least 1, min_component= at least 0")
     if components is not None or min_component or min_volume:
         query.set_components(largest, int(min_component), float(min_volume))
 
@@ -196,7 +181,7 @@ def set_smooth(query: Any, smooth: Smooth, keep_nodes: bool) -> None:
     if smooth is not None and smooth is not False:
         query.set_smooth(None if smooth is True else int(smooth), bool(keep_nodes))
     elif keep_nodes:
-        raise ValueError("keep_nodes goes with smooth: other surfaces of labels know no nodes")
+        raise ValueError("keep_nodes= needs smooth=")
 
 
 def set_attributes(query: Any, *, normals: bool, vertex_values: Any, vertex_error: Optional[str],

@@ -74,7 +74,7 @@ class Store(Extracting):
         if self._core.cache_warning:
             warnings.warn(self._core.cache_warning, RuntimeWarning, stacklevel=3)
         self._location = os.fspath(path)
-        self._access = {"headers": lines, "cache": cache, "memory": memory}
+        self._access: "dict[str, Any]" = {"headers": lines, "cache": cache, "memory": memory}
 
     def close(self) -> None:
         """Closes the file. Meshes and arrays that came from it stay."""
@@ -139,7 +139,7 @@ class Store(Extracting):
 
     @property
     def direction(self) -> Directions:
-        """World directions (x, y, z) of the axes x, y and z: unit vectors at right angles."""
+        """World directions (x, y, z) of the axes x, y and z: unit vectors, at right angles unless the volume is sheared."""
         return self._frame.direction
 
     @property
@@ -268,7 +268,7 @@ class Store(Extracting):
         if quick and deep:
             raise ValueError("give one of quick= and deep=, not both")
         if source is None and reading:
-            raise ValueError(f"{next(iter(reading))}= goes with source=")
+            raise ValueError(f"{next(iter(reading))}= needs source=")
         budget = to_bytes(memory)
         volume = None if source is None else _sources.of_volume(source, identified=False, memory=budget, **reading)
         budget -= 0 if source is None else _sources.for_fetching(source, budget)

@@ -3,15 +3,12 @@
 
 #include <isonest/version.h>
 
-#include "tools/python/src/checks.h"
-#include "tools/python/src/errors.h"
 #include "tools/python/src/meshes.h"
 #include "tools/python/src/queries.h"
 #include "tools/python/src/reports.h"
 #include "tools/python/src/smoothing.h"
 #include "tools/python/src/sources.h"
 #include "tools/python/src/stores.h"
-#include "tools/python/src/studies.h"
 
 PYBIND11_MODULE(_core, module) {
     module.doc() = "The compiled part of isonest. Coordinates are those of the world: x, y, z.";

@@ -196,7 +196,7 @@ void run_watched(const py::object& report, const std::function<void(Progress&)>&
         worker.join();
         failure = worker.failure();
     } catch (const std::system_error&) {
-        throw Error(ErrorKind::limit, "the system does not let this process start a thread",
+        throw Error(ErrorKind::limit, "the system cannot start a thread",
                     {{RemedyKind::raise_limit, "ulimit -u"}});
     }
     if (!failure) {

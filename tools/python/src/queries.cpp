@@ -3,6 +3,7 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <filesystem>
@@ -13,9 +14,50 @@
 
 #include <isonest/error.h>
 
-#include "tools/python/src/fields.h"
-
 namespace isonest::python {
+
+Field field_of_name(const std::string& name) {
+    const std::optional<Field> field = field_from_name(name);
+    if (!field) {
+        throw Error(ErrorKind::invalid_argument, "there is no field '" + name + "'",
+                    {{RemedyKind::other_field, "values, " + list_names(all_fields())}});
+    }
+    return *field;
+}
+
+Field indicator_of_name(const std::string& name) {
+    const std::optional<Field> field = field_from_name(name);
+    if (!field || *field == Field::values) {
+        throw Error(ErrorKind::invalid_argument, "there is no indicator '" + name + "'",
+                    {{RemedyKind::other_field, list_names(all_fields())}});
+    }
+    return *field;
+}
+
+std::vector<Field> indicators_of_names(const std::vector<std::string>& names) {
+    std::vector<Field> fields;
+    for (const std::string& name : names) {
+        const std::vector<Field> named = indicators_from_name(name);
+        if (named.empty()) {
+            throw Error(ErrorKind::invalid_argument, "there is no indicator '" + name + "'",
+                        {{RemedyKind::other_field, "nodes, all, " + list_names(all_fields())}});
+        }
+        fields.insert(fields.end(), named.begin(), named.end());
+    }
+    std::sort(fields.begin(), fields.end());
+    fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
+    return fields;
+}
+
+LengthUnit unit_of_name(const std::string& name) {
+    const std::optional<LengthUnit> unit = length_unit_from(name);
+    if (!unit) {
+        throw Error(ErrorKind::invalid_argument, "there is no unit of length '" + name +
+                                                     "'; there are " + list_of_length_units());
+    }
+    return *unit;
+}
+
 namespace {
 
 /// The member of `choices` that has this name; `what` is the argument's.
@@ -32,18 +74,18 @@ T choose(const char* what, const std::string& name,
     throw py::value_error(std::string(what) + "='" + name + "': give one of " + names);
 }
 
-Guarantee guarantee_of(const std::string& name) {
-    return choose(
-        "guarantee", name,
-        std::array<std::pair<const char*, Guarantee>, 3>{{{"deviation", Guarantee::deviation},
-                                                          {"plus", Guarantee::plus},
-                                                          {"estimate", Guarantee::estimate}}});
+ErrorIndicator error_indicator(const std::string& name) {
+    return choose("indicator", name,
+                  std::array<std::pair<const char*, ErrorIndicator>, 3>{
+                      {{"deviation", ErrorIndicator::deviation},
+                       {"plus", ErrorIndicator::plus},
+                       {"estimate", ErrorIndicator::estimate}}});
 }
 
 Effort effort_of(const std::string& name) {
     return choose("effort", name,
-                  std::array<std::pair<const char*, Effort>, 2>{
-                      {{"fast", Effort::fast}, {"best", Effort::best}}});
+                  std::array<std::pair<const char*, Effort>, 3>{
+                      {{"none", Effort::none}, {"fast", Effort::fast}, {"best", Effort::best}}});
 }
 
 /// By the names of the program, or written out. `cubes`: what cells are that are not simplices.
@@ -83,10 +125,10 @@ void add_common(py::class_<A>& type) {
     type.def(py::init<>())
         .def(
             "set_error",
-            [](A& a, double value, bool relative, const std::string& guarantee) {
-                a.query.stop = ErrorBound{value, relative, guarantee_of(guarantee)};
+            [](A& a, double value, bool relative, const std::string& indicator) {
+                a.query.stop = ErrorBound{value, relative, error_indicator(indicator)};
             },
-            "value"_a, "relative"_a, "guarantee"_a)
+            "value"_a, "relative"_a, "indicator"_a)
         .def(
             "set_threshold",
             [](A& a, const std::string& field, double value, bool relative) {
@@ -142,40 +184,27 @@ void add_surface_stops(py::class_<AskedSurface>& type) {
     using namespace py::literals;
     using A = AskedSurface;
     type.def(
-            "set_simplified_error",
-            [](A& a, double value, bool relative, const std::string& guarantee) {
-                a.query.stop = SimplifiedErrorBound{{value, relative, guarantee_of(guarantee)}};
-            },
-            "value"_a, "relative"_a, "guarantee"_a)
+            "set_effort",
+            [](A& a, const std::string& effort) { a.query.effort = effort_of(effort); }, "effort"_a)
         .def(
             "set_distance",
-            [](A& a, double value, bool voxels, const std::string& effort) {
-                a.query.stop = DistanceBound{value, voxels, effort_of(effort)};
-            },
-            "value"_a, "voxels"_a, "effort"_a)
-        .def(
-            "set_nested_distance",
             [](A& a, double value, bool voxels) {
-                a.query.stop = NestedDistanceBound{{value, voxels}};
+                a.query.stop = DistanceBound{value, voxels};
             },
             "value"_a, "voxels"_a)
         .def(
             "set_triangles",
-            [](A& a, std::uint64_t most, std::optional<double> within, bool voxels,
-               const std::string& effort) {
-                TriangleBudget budget{most, {}, effort_of(effort)};
+            [](A& a, std::uint64_t most, std::optional<double> within, bool voxels) {
+                TriangleBudgetByDistance budget{most, {}};
                 if (within) {
                     budget.within = DistanceBound{*within, voxels};
                 }
                 a.query.stop = budget;
             },
-            "most"_a, "within"_a, "voxels"_a, "effort"_a)
+            "most"_a, "within"_a, "voxels"_a)
         .def(
             "set_triangles_by_error",
-            [](A& a, std::uint64_t most, bool simplified) {
-                a.query.stop = ErrorBudget{.most = most, .simplified = simplified};
-            },
-            "most"_a, "simplified"_a);
+            [](A& a, std::uint64_t most) { a.query.stop = TriangleBudgetByError{most}; }, "most"_a);
 }
 
 void add_surface(py::module_& module) {
@@ -209,10 +238,10 @@ void add_surface(py::module_& module) {
             "asked"_a)
         .def(
             "set_components",
-            [](A& a, std::uint64_t largest, std::uint64_t least_triangles, double least_volume) {
-                a.query.stages.components = ComponentChoice{largest, least_triangles, least_volume};
+            [](A& a, std::uint64_t largest, std::uint64_t min_triangles, double min_volume) {
+                a.query.stages.components = ComponentChoice{largest, min_triangles, min_volume};
             },
-            "largest"_a, "least_triangles"_a, "least_volume"_a)
+            "largest"_a, "min_triangles"_a, "min_volume"_a)
         .def(
             "set_bound",
             [](A& a, const std::string& field) { a.query.grid.bound = indicator_of_name(field); },

@@ -5,7 +5,12 @@
 
 namespace isonest::python {
 
+// The library's errors as Python exceptions.
+
 namespace py = pybind11;
+
+/// isonest::Error becomes an exception of isonest._errors, a failure of the file system an OSError.
+void translate_errors();
 
 /// Adds PreprocessReport and ExtractReport, with attributes that can only be read.
 void add_reports(py::module_& module);

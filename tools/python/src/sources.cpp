@@ -19,14 +19,26 @@
 #include <isonest/open_volume.h>
 #include <isonest/preprocess.h>
 
-#include "preprocess/sources/wrapping/missing_source.h"
-#include "store/base/world_units.h"
-#include "tools/python/src/arrays.h"
-#include "tools/python/src/fields.h"
+#include "preprocess/sources/wrapping/scaled_source.h"
+#include "store/base/length_unit.h"
 #include "tools/python/src/progress.h"
 #include "tools/python/src/queries.h"
 
 namespace isonest::python {
+
+py::dtype dtype_of(ValueType type) {
+    return py::dtype(std::string(name_of(type)));
+}
+
+ValueType value_type_of(const py::dtype& dtype) {
+    const auto name = dtype.attr("name").cast<std::string>();
+    const std::optional<ValueType> type = value_type_from_name(name);
+    if (!type) {
+        throw py::type_error("a volume of " + name +
+                             ": the types are integers of 8, 16 and 32 bits, float32 and float64");
+    }
+    return *type;
+}
 
 std::unique_ptr<VolumeSource> Source::take() {
     static_cast<void>(volume());
@@ -116,7 +128,7 @@ class ReaderVolume : public VolumeSource {
                 if (slab.nbytes() != (z1 - z) * static_cast<std::int64_t>(piece) ||
                     (slab.flags() & py::array::c_style) == 0) {
                     throw Error(ErrorKind::io, {description_.name},
-                                "a slice of it has not the shape that was asked for");
+                                "a slice of it has the wrong shape");
                 }
                 for (std::int64_t i = 0; i < z1 - z; ++i) {
                     std::memcpy(dst + ((z - z0 + i) * ny + (y - y0)) * row,

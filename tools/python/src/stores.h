@@ -10,7 +10,13 @@
 
 namespace isonest::python {
 
+// What a store holds, and whether it is whole.
+
 namespace py = pybind11;
+
+/// Adds check(), stored_arrays(), analyses() and what they return. REQUIRES: add_stores() and
+/// add_sources() were called.
+void add_checks(py::module_& module);
 
 /// A store that Python may close while another thread still queries it: the query keeps it open.
 class OpenStore {

@@ -1,4 +1,4 @@
-// Bundles the page. usage: node build.mjs [FOLDER]   (dist, beside this file, if none is given)
+// Bundles the page. usage: node build.mjs [FOLDER]   (default: dist, beside this file)
 import { build } from "esbuild";
 import { copyFile, mkdir, readFile, rm, writeFile } from "node:fs/promises";
 import { dirname, join, resolve } from "node:path";
@@ -24,7 +24,7 @@ const colorMaps = {
   },
 };
 
-/** What is bundled, with its notice. */
+/** What is bundled, with its licence notice. */
 async function licences() {
   const parts = [];
   for (const [name, file] of [["three", "LICENSE"], ["meshoptimizer", "LICENSE.md"]]) {
@@ -46,7 +46,7 @@ await build({
   format: "iife",
   target: "es2022",
   minify: true,
-  legalComments: "none", // licences.txt has the notices
+  legalComments: "none", // licences.txt contains the notices
   plugins: [colorMaps],
   logLevel: "warning",
 });

@@ -1,4 +1,4 @@
-// Starts `isonest view` and a real Chromium on it; for tests/view.
+// Starts `isonest view` and opens it in a real Chromium; for tests/view.
 import { execFile, spawn } from "node:child_process";
 import { existsSync } from "node:fs";
 import { mkdtemp, readFile, rm } from "node:fs/promises";
@@ -8,9 +8,9 @@ import { join } from "node:path";
 import { inflateSync } from "node:zlib";
 
 const kChromium = process.env.ISONEST_CHROMIUM ?? "/usr/bin/chromium";
-const kTimeout = 120_000; // milliseconds, for anything; the machine may be busy
+const kTimeout = 120_000; // milliseconds, for any step; the machine may be busy
 
-/** Why there is no browser to drive, or null. */
+/** Why there is no browser to drive; otherwise null. */
 export function lacks() {
   try {
     createRequire(import.meta.url).resolve("playwright-core");
@@ -20,20 +20,20 @@ export function lacks() {
   return existsSync(kChromium) ? null : `${kChromium} is missing: tools/install-deps --tests`;
 }
 
-/** Standard output of the program; rejects with what it says on failure. */
+/** The program's standard output; rejects with its error message. */
 export function run(program, ...args) {
   return new Promise((resolve, reject) => {
     execFile(program, args, { maxBuffer: 1 << 28 }, (error, stdout, stderr) => (error ? reject(new Error(`${args.join(" ")}: ${stderr || error}`)) : resolve(stdout)));
   });
 }
 
-/** A folder that end() removes. */
+/** A temporary folder, removed by end(). */
 export async function temporaryFolder() {
   const path = await mkdtemp(join(tmpdir(), "isonest-view-"));
   return { path, end: () => rm(path, { recursive: true, force: true }) };
 }
 
-/** `isonest view`; with .url, .pid and end(), which gives the exit code and what it said on standard error. */
+/** `isonest view`, with .url, .pid and end(), which gives the exit code and the standard error output. */
 export async function startServer(program, store, ...options) {
   const child = spawn(program, ["view", store, "--json", ...options], { stdio: ["ignore", "pipe", "pipe"] });
   let errors = "";
@@ -57,7 +57,7 @@ export async function startServer(program, store, ...options) {
   };
 }
 
-/** Chromium, drawing in software. The caller closes it. */
+/** Chromium with software rendering. The caller closes it. */
 export async function startBrowser(...more) {
   const { chromium } = await import("playwright-core");
   return chromium.launch({
@@ -70,7 +70,7 @@ export async function startBrowser(...more) {
   });
 }
 
-/** A page of the server. `faults` collects what must not happen: errors, requests to elsewhere, what its policy forbids. */
+/** A page of the server. `faults` collects what must not happen: errors, requests to other servers, policy violations. */
 export async function openPage(browser, url, options = {}) {
   const context = await browser.newContext({ viewport: { width: 880, height: 560 }, acceptDownloads: true, ...options });
   const page = await context.newPage();
@@ -89,12 +89,12 @@ export async function openPage(browser, url, options = {}) {
   return { page, faults, close: () => context.close() };
 }
 
-/** Nothing is under way any more, and the picture shows it. */
+/** Waits until nothing is in progress and the picture is up to date. */
 export async function idle(page) {
   await page.evaluate(() => window.isonest.idle());
 }
 
-/** Of a PNG with 8 bits and 3 or 4 channels: {width, height, channels, data}. */
+/** A PNG with 8 bits and 3 or 4 channels: {width, height, channels, data}. */
 export async function readPng(fileOrBuffer) {
   const bytes = typeof fileOrBuffer === "string" ? await readFile(fileOrBuffer) : fileOrBuffer;
   let at = 8;

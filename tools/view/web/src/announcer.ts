@@ -1,4 +1,4 @@
-// Tells a screen reader what is shown, once it has come to rest.
+// Tells a screen reader what is shown, when it no longer changes.
 const kRest = 600; // milliseconds
 
 export class Announcer {
@@ -8,7 +8,7 @@ export class Announcer {
   /** `element` is a polite live region. */
   constructor(private readonly element: HTMLElement) {}
 
-  /** Says what `text` gives when nothing else was to be said for a while. */
+  /** Announces the result of `text` after a while without another announcement. */
   later(text: () => string): void {
     clearTimeout(this.timer);
     this.timer = setTimeout(() => {

@@ -1,4 +1,4 @@
-// Asks for answers. One of the newest request of a stream is under way; older ones are aborted.
+// Requests answers. For each stream, only the newest request is in progress; older ones are aborted.
 import type { Mesh } from "./decode";
 import type { MeshDecoder } from "./mesh_decoder";
 import type { PageFormat } from "./mesh_files";
@@ -7,7 +7,7 @@ import type { ErrorBody, HistogramInfo, LabelInfo, StatusInfo, StoreInfo, ValueI
 
 export type Parameters = Readonly<Record<string, string | number>>;
 
-/** What was refused. Where nobody answers at all, it is Unanswered. */
+/** A refused request. If there is no answer at all, the error is Unanswered. */
 export class ServerError extends Error {
   constructor(
     readonly status: number,
@@ -15,11 +15,11 @@ export class ServerError extends Error {
   ) {
     super(message);
   }
-  /** A newer request took its place, or the page gave it up: nothing to tell anybody. */
+  /** A newer request replaced it, or the page cancelled it: not shown to the user. */
   get superseded(): boolean {
     return this.status === 409;
   }
-  /** The memory is too small for it. */
+  /** There is not enough memory for it. */
   get tooLarge(): boolean {
     return this.status === 413;
   }
@@ -30,7 +30,7 @@ const kBusyPause = 250; // milliseconds
 const kBusyTries = 20;
 
 export class Api {
-  /** Two pages of one server do not end each other's requests. */
+  /** So that two pages of one server do not abort each other's requests. */
   private readonly page = crypto.getRandomValues(new Uint32Array(2)).reduce((name, part) => name + part.toString(36), "p");
   private readonly aborts = new Map<string, AbortController>();
   /** Of all answers so far. */
@@ -41,7 +41,7 @@ export class Api {
     private readonly decoder: MeshDecoder,
   ) {}
 
-  /** Whether a server answers, which makes files and command lines, too. */
+  /** Whether there is a server, which also makes files and command lines. */
   get hasServer(): boolean {
     return this.transport.hasServer;
   }
@@ -49,7 +49,7 @@ export class Api {
   store(): Promise<StoreInfo> {
     return this.json("store");
   }
-  /** Coarse: of the levels that are there soon after the opening. */
+  /** Coarse: uses the levels that are available soon after the opening. */
   histogram(coarse: boolean): Promise<HistogramInfo> {
     return this.json("histogram", coarse ? { coarse: 1 } : {});
   }
@@ -66,18 +66,18 @@ export class Api {
     return this.json("value", { at: at.join(",") }, "value");
   }
 
-  /** `progress` is told the bytes received so far. Rejects with ServerError, superseded if a newer one was asked for. */
+  /** `progress` gets the bytes received so far. Rejects with ServerError, superseded if there is a newer request. */
   mesh(kind: "surface" | "slice", stream: string, parameters: Parameters, progress: (bytes: number) => void): Promise<Mesh> {
     return this.inStream(stream, async (signal) => this.decoder.decode(await this.bytes(kind, stream, parameters, signal, progress)));
   }
 
-  /** A mesh as a file that the page makes; of a stream of its own. Rejects with ServerError. */
+  /** A mesh as a file that the page makes, in a separate stream. Rejects with ServerError. */
   meshFile(kind: "surface" | "slice", parameters: Parameters, format: PageFormat): Promise<ArrayBuffer> {
     const stream = "file";
     return this.inStream(stream, async (signal) => this.decoder.file(await this.bytes(kind, stream, parameters, signal, () => undefined), format));
   }
 
-  /** Ends what is under way for the stream, here and, by closing the connection, at the server. */
+  /** Cancels the stream's work here and, by closing the connection, at the server. */
   cancel(stream: string): void {
     this.aborts.get(stream)?.abort();
     this.aborts.delete(stream);
@@ -128,7 +128,7 @@ export class Api {
   }
 }
 
-/** What PROTOCOL.md has behind `api/`: path and query. */
+/** The part of PROTOCOL.md's requests after `api/`: path and query. */
 export function targetOf(path: string, parameters: Parameters = {}): string {
   const query = new URLSearchParams();
   for (const [name, value] of Object.entries(parameters)) query.set(name, String(value));

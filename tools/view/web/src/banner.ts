@@ -1,4 +1,4 @@
-// What went wrong, and the way out; one message at a time.
+// Shows an error and how to resolve it; one message at a time.
 import { ServerError } from "./api";
 import { button, h } from "./dom";
 import { Unanswered } from "./site/transport";
@@ -7,10 +7,10 @@ const kForbidden = 403;
 const kGone = 410;
 
 export class Banner {
-  /** What is shown: "server" where nobody answers, "store", "request", or nothing. */
+  /** The message that is shown: "server" if there is no answer, "store", "request", or none. */
   kind: "server" | "store" | "request" | null = null;
   private message = "";
-  /** Asks once more for what is to be shown; the page's parts set it. */
+  /** Requests again what is to be shown; set by the page's parts. */
   retry: () => void;
 
   constructor(
@@ -33,13 +33,13 @@ export class Banner {
     }
   }
 
-  /** The server's status says so. */
+  /** Called with the state in the server's status. */
   storeLost(how: string): void {
     const what = how === "replaced" ? "was replaced by another file" : how === "cut off" ? "was cut off: the file is shorter than it was" : `is ${how}`;
     this.tell("store", `The store ${what}. End isonest view and start it again, then reload this page.`, false);
   }
 
-  /** The server answers: if it did not before, what is to be shown is asked for once more. */
+  /** The server answers: after an outage, everything that is shown is requested again. */
   serverThere(): void {
     if (this.kind !== "server") return;
     this.hide();
@@ -54,7 +54,7 @@ export class Banner {
   }
 
   private tell(kind: NonNullable<Banner["kind"]>, message: string, retry: boolean): void {
-    if (this.kind === "store" && kind !== "store") return; // nothing else matters then
+    if (this.kind === "store" && kind !== "store") return; // takes precedence over all other messages
     if (this.message === message) return;
     this.kind = kind;
     this.message = message;

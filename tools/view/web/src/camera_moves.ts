@@ -1,11 +1,11 @@
-// The camera's moves by keys and buttons.
+// Camera moves by keys and buttons.
 import { Spherical, Vector3 } from "three";
 import { centreOf, lengthOf } from "./geometry";
 import type { StoreInfo, Vector } from "./protocol";
 import type { Stage } from "./stage";
 import { eyeFor, homeEye, type ViewStore } from "./state";
 
-/** From the volume toward the eye. */
+/** Directions from the volume toward the eye. */
 export const kDirections: Readonly<Record<string, Vector>> = {
   front: [0, -1, 0], back: [0, 1, 0], left: [-1, 0, 0], right: [1, 0, 0], top: [0, 0, 1], bottom: [0, 0, -1],
 };
@@ -26,7 +26,7 @@ export class CameraMoves {
     if (toward) this.views.set({ eye: eyeFor(this.store.box, toward, this.stage.aspect), lookAt: centreOf(this.store.box) });
   }
 
-  /** Degrees: to the right around z, and upward. */
+  /** In degrees: to the right around z, and upward. */
   turn(right: number, up: number): void {
     if (this.store.dimension === 2) return;
     const { eye, lookAt } = this.views.state;
@@ -39,7 +39,7 @@ export class CameraMoves {
     this.views.set({ eye: [lookAt[0] + away.x, lookAt[1] + away.y, lookAt[2] + away.z] });
   }
 
-  /** Parts of the picture's height. */
+  /** As fractions of the picture's height. */
   shift(right: number, up: number): void {
     const { eye, lookAt } = this.views.state;
     const by = this.stage.unitsPerPixel * this.stage.canvas.clientHeight;
@@ -51,7 +51,7 @@ export class CameraMoves {
     });
   }
 
-  /** Below 1: nearer. */
+  /** Factors below 1 move nearer. */
   zoom(factor: number): void {
     const { eye, lookAt } = this.views.state;
     if (!(lengthOf(eye, lookAt) > 0)) return;

@@ -1,22 +1,22 @@
-// A mesh of the protocol into what is drawn. Runs in the worker; knows nothing of the page.
+// Decodes a mesh of the protocol for drawing. Runs in the worker, independent of the page.
 import { MeshoptDecoder } from "meshoptimizer/decoder";
 import type { MeshHeader, Section } from "./protocol";
 
 export interface Mesh {
   readonly header: MeshHeader;
-  /** Four per vertex: the position's three numbers, and a slice's value. */
+  /** Four per vertex: the position's three coordinates, and a slice's value. */
   readonly positions: Uint16Array<ArrayBuffer>;
   /** Four per vertex; empty for a slice. */
   readonly normals: Int8Array<ArrayBuffer>;
   /** Three per triangle. */
   readonly indices: Uint32Array<ArrayBuffer>;
-  /** Of the answer, as it was received. */
+  /** Bytes of the answer as received. */
   readonly bytes: number;
 }
 
 const kAlignment = 16;
 
-/** Throws Error if the bytes are no mesh of version 1. */
+/** Throws Error if the bytes are not a mesh of version 1. */
 export async function decodeMesh(buffer: ArrayBuffer): Promise<Mesh> {
   await MeshoptDecoder.ready;
   if (buffer.byteLength < kAlignment) throw new Error("the answer is too short to be a mesh");
@@ -49,7 +49,7 @@ export async function decodeMesh(buffer: ArrayBuffer): Promise<Mesh> {
   };
 }
 
-/** In a buffer of its own. */
+/** In a separate buffer. */
 function decodeSection(section: Section, source: Uint8Array): Uint8Array<ArrayBuffer> {
   const target = new Uint8Array(section.count * section.stride);
   switch (section.encoding) {

@@ -1,4 +1,4 @@
-// Elements, made without a framework. Styles are classes: the page's policy allows no style attributes.
+// Creates elements without a framework. Styles are classes, because the page's policy does not allow style attributes.
 
 type Attributes = Readonly<Record<string, string | number | boolean>>;
 type Child = Node | string;
@@ -30,7 +30,7 @@ export function byId(id: string): HTMLElement {
   return element;
 }
 
-/** A part of the panel that can be folded. */
+/** A collapsible section of the panel. */
 export function section(id: string, title: string, open: boolean, ...children: Child[]): HTMLDetailsElement {
   const body = h("div", { class: "section-body" }, ...children);
   return h("details", { id, class: "section", open }, h("summary", {}, h("h2", {}, title)), body);
@@ -64,7 +64,7 @@ export function select<T extends string>(
   return { row: h("label", { class: "field" }, h("span", {}, label), input), input };
 }
 
-/** A number that is typed. Calls `action` with finite numbers in range alone. */
+/** A number input. Calls `action` only with finite numbers in range. */
 export function numberField(
   label: string,
   action: (value: number) => void,

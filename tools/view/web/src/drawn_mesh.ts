@@ -1,11 +1,11 @@
-// One mesh on the graphics card: as it is drawn, and as it is picked. The page keeps no copy of what was uploaded.
+// One mesh on the graphics card, for drawing and picking. The page keeps no copy of uploaded arrays.
 import { BufferAttribute, BufferGeometry, Mesh as Object3, type RawShaderMaterial, type Scene, Sphere, Vector3 } from "three";
 import type { Mesh } from "./decode";
 import type { MeshHeader } from "./protocol";
 import { pickMaterial } from "./shaders";
 
 const kMiddle = 65535 / 2;
-/** Holds every quantised position. */
+/** A sphere that contains every quantised position. */
 const kAll = new Sphere(new Vector3(kMiddle, kMiddle, kMiddle), Math.sqrt(3) * kMiddle);
 
 export class DrawnMesh {
@@ -15,7 +15,7 @@ export class DrawnMesh {
   private inPage = 0;
   private onCard = 0;
 
-  /** `id`, 1 to 255, is what picking answers. */
+  /** `id`, 1 to 255, identifies the mesh when picking. */
   constructor(
     readonly id: number,
     readonly material: RawShaderMaterial,
@@ -34,7 +34,7 @@ export class DrawnMesh {
     pickScene.add(this.picked);
   }
 
-  /** Takes the place of what was there. */
+  /** Replaces the previous mesh. */
   show(mesh: Mesh): void {
     this.clear();
     const { header } = mesh;
@@ -55,7 +55,7 @@ export class DrawnMesh {
     geometry.setAttribute("position", hold(mesh.positions, 4, false));
     if (mesh.normals.length > 0) geometry.setAttribute("normal", hold(mesh.normals, 4, true));
     geometry.setIndex(hold(mesh.indices, 1, false));
-    geometry.boundingSphere = kAll; // of the vertices it could not be computed any more
+    geometry.boundingSphere = kAll; // can no longer be computed from the vertices
     for (const object of [this.object, this.picked]) {
       object.geometry = geometry;
       object.matrix.makeScale(...header.step).setPosition(...header.origin);

@@ -1,4 +1,4 @@
-// The view in the URL's fragment, both ways. What is as at the start is left out.
+// Converts the view to the URL's fragment and back. Default values are omitted.
 import type { Box, Vector } from "./protocol";
 import { kSliceNames, type ViewState, type ViewStore } from "./state";
 
@@ -7,7 +7,7 @@ const kNumbers = ["iso", "pixels", "error", "distance", "triangles", "moving", "
 const kFlags = ["surface", "largest", "smooth", "facets", "outline"] as const;
 const kThemes = ["auto", "light", "dark"] as const;
 const kProjections = ["perspective", "orthographic"] as const;
-const kRest = 300; // milliseconds without a change, until the URL follows
+const kRest = 300; // milliseconds without a change before the URL is updated
 
 export function toFragment(state: ViewState, start: ViewState): string {
   const parts: string[] = [];
@@ -27,7 +27,7 @@ export function toFragment(state: ViewState, start: ViewState): string {
   return parts.join("&");
 }
 
-/** What makes no sense is as at the start. */
+/** Invalid values are replaced by the defaults. */
 export function fromFragment(fragment: string, start: ViewState): ViewState {
   const query = new URLSearchParams(fragment.replace(/^#/, ""));
   const state: { -readonly [K in keyof ViewState]: ViewState[K] } = { ...start };
@@ -65,12 +65,12 @@ export function fromFragment(fragment: string, start: ViewState): ViewState {
   return state;
 }
 
-/** Seven digits place a camera well. */
+/** Seven digits are precise enough for a camera. */
 function short(value: number): string {
   return String(Number(value.toPrecision(7)));
 }
 
-/** The URL follows the view: each choice is a step for "back", what only moved the camera is none. And the other way round. */
+/** Keeps URL and view in sync. Each choice is a history entry for "back", except camera moves. */
 export function bindFragment(store: ViewStore, start: ViewState): void {
   let timer = 0;
   let step = false;

@@ -1,4 +1,4 @@
-// What a test or a script may read of the page, as `window.isonest`. It changes nothing.
+// What a test or a script can read from the page, as `window.isonest`. Read-only.
 import type { Api } from "./api";
 import type { Banner } from "./banner";
 import type { MemoryPanel } from "./panels/memory_panel";
@@ -12,33 +12,33 @@ import type { Surface } from "./surface";
 import type { SurfacePanel } from "./panels/surface_panel";
 
 export interface Inspection {
-  /** Everything that is chosen. */
+  /** All settings. */
   state(): ViewState;
-  /** Resolves when nothing is under way or waits for the user's rest, and the picture shows it. */
+  /** Resolves when nothing is in progress or waiting for the user to stop, and the picture is up to date. */
   idle(): Promise<void>;
-  /** On the screen, of the surface; of a slice, if its name is given. */
+  /** Triangles on the screen, of the surface or of the named slice. */
   triangles(slice?: SliceName): number;
-  /** In words, of the surface. */
+  /** The surface's quality in words. */
   bound(): string;
-  /** The header of what is shown: the surface's, or a slice's. */
+  /** The header of the mesh that is shown: the surface's, or a slice's. */
   header(slice?: SliceName): unknown;
-  /** Of the meshes' arrays in the page and on the graphics card, and received so far. */
+  /** Bytes of the meshes' arrays in the page and on the graphics card, and received so far. */
   bytes(): { readonly page: number; readonly card: number; readonly received: number };
-  /** Drawn so far. */
+  /** Frames drawn so far. */
   frames(): number;
-  /** Milliseconds, of the tasks that blocked the page for 50 or more, the latest last; at most 1000. */
+  /** Milliseconds of the tasks that blocked the page for 50 or more, the latest last; at most 1000. */
   longTasks(): readonly number[];
   /** Milliseconds from each movement to the mesh that shows it, the latest last. */
   latencies(slice?: SliceName): readonly number[];
-  /** What was last found under the cursor. */
+  /** The last result under the cursor. */
   value(): ValueInfo | null;
   /** Ends of the measured line. */
   points(): readonly Vector[];
-  /** What the server last said of itself. */
+  /** The server's last status. */
   status(): StatusInfo | null;
   /** Kind of the message that is shown, or null. */
   banner(): string | null;
-  /** Pixels of the page from the canvas's corner; null behind the eye. */
+  /** Position on the canvas in CSS pixels; null behind the eye. */
   project(at: Vector): readonly [number, number] | null;
 }
 
@@ -55,7 +55,7 @@ export interface Parts {
   readonly loading: Promise<unknown>;
 }
 
-const kMostTasks = 1000;
+const kMaxTasks = 1000;
 const kPoll = 20; // milliseconds
 
 export function inspection(parts: Parts): Inspection {
@@ -64,7 +64,7 @@ export function inspection(parts: Parts): Inspection {
   if (PerformanceObserver.supportedEntryTypes.includes("longtask")) {
     new PerformanceObserver((list) => {
       for (const { duration } of list.getEntries()) tasks.push(duration);
-      tasks.splice(0, tasks.length - kMostTasks);
+      tasks.splice(0, tasks.length - kMaxTasks);
     }).observe({ type: "longtask", buffered: true });
   }
   const shown = (slice?: SliceName): Surface | Slice => (slice === undefined ? surface : slices.get(slice)) ?? surface;

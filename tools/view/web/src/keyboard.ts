@@ -1,4 +1,4 @@
-// Keys, and the dialog that tells them.
+// Keyboard shortcuts, and the dialog that lists them.
 import type { CameraMoves } from "./camera_moves";
 import { button, h } from "./dom";
 import { reachOf } from "./geometry";
@@ -14,7 +14,7 @@ const kStep = 0.01;
 const kBigStep = 0.1;
 
 interface Key {
-  /** As KeyboardEvent.key says it; with Shift+ before it where that key has to be held. */
+  /** As in KeyboardEvent.key; prefixed with Shift+ if that key must be held. */
   readonly keys: readonly string[];
   readonly shown: string;
   readonly does: string;
@@ -73,7 +73,7 @@ function keysOf(t: KeyTargets): readonly Key[] {
   ];
 }
 
-/** Where keys belong to what has the focus: fields take all, sliders and lists the arrows and pages. */
+/** Whether the focused element needs the key: fields need all, sliders and lists the arrow and page keys. */
 function taken(target: EventTarget | null, key: string): boolean {
   if (!(target instanceof HTMLElement)) return false;
   if (target instanceof HTMLSelectElement) return true;

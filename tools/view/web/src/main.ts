@@ -1,4 +1,4 @@
-// The page: asks what the store holds, makes the parts, and lets them know of each other.
+// The page: asks for the description of the store, creates the parts and connects them.
 import { Announcer } from "./announcer";
 import { Api } from "./api";
 import { Banner } from "./banner";
@@ -34,14 +34,14 @@ import { whole } from "./words";
 
 const banner = new Banner(byId("banner"), () => location.reload());
 
-/** Who answers, and of what: a server; or the page itself, of a store of a published site. */
+/** The source of answers: a server, or the page itself for a store of a published site. */
 interface Origin {
   readonly api: Api;
   readonly server: ServerTransport | null;
   readonly published: { readonly site: Site; readonly store: SiteStore } | null;
 }
 
-/** Null if it is to be chosen first, from the list that is shown then. */
+/** Null if the user must first choose from the list, which is then shown. */
 async function origin(): Promise<Origin | null> {
   const site = await readSite();
   if (!site) {
@@ -76,19 +76,19 @@ async function start(): Promise<void> {
   document.title = `${name} – isonest`;
   const histogram: Promise<HistogramInfo | null> = store.labels ? Promise.resolve(null) : api.histogram(store.first_error !== null);
   const wanted = new URLSearchParams(location.hash.slice(1)).has("iso");
-  // The first surface is the one that is suggested, unless finding it takes long, or the URL says another.
+  // The first surface is the suggested one, unless that takes long to compute, or the URL specifies another.
   const info = wanted || store.dimension === 2 ? null : await within(histogram, 1500);
   run(from, store, histogram, info);
 }
 
-/** Null when it takes longer, in milliseconds, or fails. */
+/** Null if it takes longer than this many milliseconds, or fails. */
 function within<T>(promise: Promise<T>, time: number): Promise<T | null> {
   const late = new Promise<null>((resolve) => setTimeout(() => resolve(null), time));
   return Promise.race([promise.catch(() => null), late]);
 }
 
 function run({ api, server, published }: Origin, store: StoreInfo, histogram: Promise<HistogramInfo | null>, info: HistogramInfo | null): void {
-  // Between the integers: where many nodes have the isovalue, the normals in them need the finest level.
+  // Between integers: if many nodes have the isovalue, the normals at them need the finest level.
   const half = ((store.min_value ?? 0) + (store.max_value ?? 1)) / 2;
   const middle = store.integer && !store.labels && half < (store.max_value ?? 1) ? Math.floor(half) + 0.5 : half;
   const isovalue = store.labels ? 1 : (info?.suggested[0]?.isovalue ?? middle);
@@ -107,7 +107,7 @@ function run({ api, server, published }: Origin, store: StoreInfo, histogram: Pr
   const probe = new Probe(api, stage, store, readout, failed);
   new Overlay(byId("stage"), stage, probe, store);
   new Pointer(views, store, stage, probe);
-  let refresh = (): void => undefined; // until the panels are there
+  let refresh = (): void => undefined; // until the panels exist
   const changed = (): void => refresh();
   const surface = new Surface(api, views, store, stage, changed, failed);
   const slices = new Map<SliceName, Slice>();

@@ -1,4 +1,4 @@
-// The page's side of the worker that decodes meshes.
+// The page's interface to the worker that decodes meshes.
 import type { Mesh } from "./decode";
 import type { PageFormat } from "./mesh_files";
 
@@ -24,12 +24,12 @@ export class MeshDecoder {
     };
   }
 
-  /** Takes the buffer away from the caller. Rejects with Error if it holds no mesh. */
+  /** Transfers the buffer from the caller. Rejects with Error if it contains no mesh. */
   decode(buffer: ArrayBuffer): Promise<Mesh> {
     return this.ask({ buffer }, buffer) as Promise<Mesh>;
   }
 
-  /** The bytes of a file of this format. Otherwise as decode(). */
+  /** The bytes of a file in this format. Otherwise like decode(). */
   file(buffer: ArrayBuffer, format: PageFormat): Promise<ArrayBuffer> {
     return this.ask({ buffer, format }, buffer) as Promise<ArrayBuffer>;
   }

@@ -1,10 +1,10 @@
-// Meshes as files that the page makes by itself. Runs in the worker; knows nothing of the page.
+// Mesh files that the page makes itself. Runs in the worker, independent of the page.
 import type { Mesh } from "./decode";
 
 export const kPageFormats = ["ply", "stl", "glb"] as const;
 export type PageFormat = (typeof kPageFormats)[number];
 
-/** World units; of a slice, PLY has the values as well. Positions are rounded as the message's are. */
+/** World units; for a slice, PLY includes the values. Positions have the rounding of the message. */
 export function meshFile(mesh: Mesh, format: PageFormat): Uint8Array<ArrayBuffer> {
   switch (format) {
     case "ply":
@@ -16,7 +16,7 @@ export function meshFile(mesh: Mesh, format: PageFormat): Uint8Array<ArrayBuffer
   }
 }
 
-/** Three numbers for each vertex. */
+/** Three numbers per vertex. */
 function world({ header, positions }: Mesh): Float32Array<ArrayBuffer> {
   const { origin, step, vertices } = header;
   const out = new Float32Array(3 * vertices);
@@ -26,7 +26,7 @@ function world({ header, positions }: Mesh): Float32Array<ArrayBuffer> {
   return out;
 }
 
-/** Three numbers for each vertex, of length 1; null for a slice. */
+/** Three numbers per vertex, of length 1; null for a slice. */
 function normalsOf({ header, normals }: Mesh): Float32Array<ArrayBuffer> | null {
   if (normals.length === 0) return null;
   const out = new Float32Array(3 * header.vertices);
@@ -135,7 +135,7 @@ function glbFile(mesh: Mesh): Uint8Array<ArrayBuffer> {
         }
       : {}),
   });
-  const text = new TextEncoder().encode(json.padEnd(Math.ceil(json.length / 4) * 4)); // all of it is ASCII
+  const text = new TextEncoder().encode(json.padEnd(Math.ceil(json.length / 4) * 4)); // all characters are ASCII
   const body = header.triangles > 0 ? at : 0;
   const words = (...values: number[]): Uint32Array<ArrayBuffer> => new Uint32Array(values);
   const kJson = 0x4e4f534a;

@@ -1,11 +1,11 @@
-// The Web Worker that decodes meshes, and makes files of them, so that the page never waits for it.
+// The Web Worker that decodes meshes and makes mesh files, so that the page never blocks.
 import { decodeMesh } from "./decode";
 import { meshFile, type PageFormat } from "./mesh_files";
 
 export interface DecodeRequest {
   readonly id: number;
   readonly buffer: ArrayBuffer;
-  /** If it is there, a file is wanted in place of the mesh. */
+  /** If present, a file is requested instead of the mesh. */
   readonly format?: PageFormat;
 }
 

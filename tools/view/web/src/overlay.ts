@@ -1,4 +1,4 @@
-// What is written over the picture: the world's directions, a scale bar, the measured line, a cross in the middle.
+// Annotations on the picture: the world's directions, a scale bar, the measured line, a cross in the centre.
 import { Vector3 } from "three";
 import { h, setAttributes, svg } from "./dom";
 import type { Probe } from "./probe";
@@ -9,7 +9,7 @@ import { short, unitOf } from "./words";
 
 const kArm = 26; // pixels
 const kCorner = 42;
-const kBar = 90; // pixels, at most
+const kBar = 90; // pixels, maximum
 
 export class Overlay {
   private readonly root: SVGSVGElement;
@@ -22,7 +22,7 @@ export class Overlay {
   private readonly line = svg("line", { class: "measure-line" });
   private readonly ends = [svg("circle", { class: "measure-end", r: 4 }), svg("circle", { class: "measure-end", r: 4 })];
   private readonly lengthText = svg("text", { class: "measure-text", "text-anchor": "middle" });
-  private readonly unit: string; // behind a length
+  private readonly unit: string; // suffix of a length
   private readonly cross = svg("path", { class: "cross" });
 
   constructor(
@@ -31,7 +31,7 @@ export class Overlay {
     private readonly probe: Probe,
     store: StoreInfo,
   ) {
-    // Of a patient: to which side each axis increases.
+    // For a patient: the side toward which each axis increases.
     this.axes.forEach(({ text }, i) => { text.textContent += store.frame ? ` ${store.frame.charAt(i)}` : ""; });
     this.unit = store.unit === null ? "" : ` ${unitOf(store)}`;
     this.root = svg("svg", { class: "overlay", "aria-hidden": "true" });
@@ -63,7 +63,7 @@ export class Overlay {
     }
   }
 
-  /** One, two or five times a power of ten, at the depth that the camera looks at. */
+  /** One, two or five times a power of ten, at the depth of the camera's target. */
   private drawBar(width: number, height: number): void {
     const perPixel = this.stage.unitsPerPixel;
     const most = Math.min(kBar, width / 4) * perPixel;
@@ -93,7 +93,7 @@ export class Overlay {
   }
 }
 
-/** The one line under the picture that says what is under the cursor. */
+/** The line under the picture that describes what is under the cursor. */
 export function readoutLine(): HTMLElement {
   return h("output", { class: "readout", id: "readout", "aria-live": "polite" });
 }

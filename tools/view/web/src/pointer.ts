@@ -1,4 +1,4 @@
-// Mouse and fingers on the canvas: turning, slices that are dragged, their window, points that are marked.
+// Mouse and touch on the canvas: rotation, dragging slices and their value window, marking points.
 import { MOUSE, Vector3 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { normalOf, reachOf } from "./geometry";
@@ -8,7 +8,7 @@ import { sliceOf } from "./slices";
 import type { Hit, Stage } from "./stage";
 import type { SliceName, ViewStore } from "./state";
 
-const kStill = 4; // pixels: less is a click
+const kStill = 4; // pixels: smaller moves are clicks
 const kWindowPixels = 300; // for the whole range of values
 
 type Drag = { readonly id: number; readonly move: (dx: number, dy: number) => void };
@@ -27,7 +27,7 @@ export class Pointer {
     private readonly probe: Probe,
   ) {
     this.canvas = stage.canvas;
-    // Before the controls listen, so that a slice that is dragged is none of their business.
+    // Registered before the controls, so that they do not react when a slice is dragged.
     this.canvas.addEventListener("pointerdown", (event) => this.onDown(event));
     this.canvas.addEventListener("pointermove", (event) => this.onMove(event));
     for (const end of ["pointerup", "pointercancel"]) this.canvas.addEventListener(end, (event) => this.onEnd(event as PointerEvent));
@@ -52,7 +52,7 @@ export class Pointer {
 
   private onDown(event: PointerEvent): void {
     const { offsetX: x, offsetY: y } = event;
-    this.down = event.isPrimary ? { x, y, button: event.button } : null; // a second finger makes no click
+    this.down = event.isPrimary ? { x, y, button: event.button } : null; // a second finger is not a click
     this.last = [x, y];
     if (!event.isPrimary || this.drag) return;
     const known = this.probe.hovered;
@@ -60,7 +60,7 @@ export class Pointer {
       this.grab(event, known.hit);
       return;
     }
-    // Where nothing hovered, the graphics card is asked; until it answers, the view turns.
+    // Without a preceding hover the graphics card is asked; until it answers, the view rotates.
     void this.stage.pick(x, y).then((hit) => {
       if (this.down?.x === x && this.down.y === y) this.grab(event, hit);
     });
@@ -94,7 +94,7 @@ export class Pointer {
     this.down = null;
   }
 
-  /** Along the slice's normal as it is seen; where it is seen from its tip, up is toward the eye. */
+  /** Along the slice's normal as seen on the screen; if seen from its tip, up is toward the eye. */
   private sliceDrag(name: SliceName, at: Vector): Drag["move"] {
     const normal = normalOf(name, this.views.state, this.store);
     const unit = 50 * this.stage.unitsPerPixel;
@@ -115,7 +115,7 @@ export class Pointer {
     };
   }
 
-  /** As radiologists do it: across for the window, up and down for the level. */
+  /** As in radiology: horizontally for the window, vertically for the level. */
   private windowDrag(): Drag["move"] {
     const range = (this.store.max_value ?? 1) - (this.store.min_value ?? 0) || 1;
     return (dx, dy) => {

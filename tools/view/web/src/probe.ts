@@ -1,4 +1,4 @@
-// The value and the place under the cursor, and the distance between two points.
+// The value and the position under the cursor, and the distance between two points.
 import type { Api } from "./api";
 import { button, h, section } from "./dom";
 import { lengthOf } from "./geometry";
@@ -6,13 +6,13 @@ import type { StoreInfo, ValueInfo, Vector } from "./protocol";
 import type { Hit, Stage } from "./stage";
 import { place, short, unitOf } from "./words";
 
-/** What lies under a point of the canvas: one question at a time, the newest wins. */
+/** Finds what is under a point of the canvas: one request at a time, the newest wins. */
 export class Probe {
   readonly element: HTMLElement;
-  /** Ends of the measured line; one or two, or none. */
+  /** Ends of the measured line: none, one or two. */
   points: readonly Vector[] = [];
   measuring = false;
-  /** What was last found under the mouse, and where that was. */
+  /** The last result under the mouse, and its position. */
   hovered: { readonly hit: Hit | null; readonly x: number; readonly y: number } | null = null;
   value: ValueInfo | null = null;
   private wanted: readonly [number, number] | null = null;
@@ -44,7 +44,7 @@ export class Probe {
     this.stage.canvas.classList.toggle("measuring", on);
   }
 
-  /** The mouse is there, in pixels of the page from the canvas's corner. */
+  /** The mouse is at this position, in CSS pixels from the canvas's corner. */
   hover(x: number, y: number): void {
     this.wanted = [x, y];
     void this.pump();
@@ -65,7 +65,7 @@ export class Probe {
   markMiddle(): Promise<void> {
     return this.mark(...this.middle());
   }
-  /** What is in the middle of the picture, for those who have no mouse. */
+  /** Reports what is in the centre of the picture, for users without a mouse. */
   async readMiddle(): Promise<void> {
     this.hover(...this.middle());
   }

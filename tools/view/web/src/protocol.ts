@@ -1,7 +1,7 @@
-// What the server says and is asked: tools/view/PROTOCOL.md.
+// Requests to the server and its answers: tools/view/PROTOCOL.md.
 
 export type Vector = readonly [number, number, number];
-/** The smaller corner first; world units. */
+/** The smaller corner first; in world units. */
 export type Box = readonly [number, number, number, number, number, number];
 
 export interface StoreInfo {
@@ -11,7 +11,7 @@ export interface StoreInfo {
   readonly spacing: Vector;
   readonly origin: Vector;
   readonly direction: readonly [Vector, Vector, Vector];
-  /** Of length, of all coordinates; null where it is not known. */
+  /** Of length, for all coordinates; null if unknown. */
   readonly unit: string | null;
   readonly frame: "RAS" | "LPS" | null;
   readonly box: Box;
@@ -24,7 +24,7 @@ export interface StoreInfo {
   readonly dimension: number;
   readonly file_bytes: number;
   readonly largest_error: number;
-  /** Of a store elsewhere: what is within this error is there soon after the opening. */
+  /** For a remote store: meshes within this error are available soon after the opening. */
   readonly first_error: number | null;
   readonly most_triangles: number;
   readonly memory: number;
@@ -34,7 +34,7 @@ export interface StoreInfo {
 export interface HistogramBin {
   readonly low: number;
   readonly nodes: number;
-  /** Null where the store has no ranges of cubes. */
+  /** Null if the store has no ranges of cubes. */
   readonly cubes: number | null;
 }
 
@@ -44,7 +44,7 @@ export interface HistogramInfo {
   readonly missing: number;
   readonly cube_level: number | null;
   readonly bins: readonly HistogramBin[];
-  /** Where the last bin ends; null if there is none. */
+  /** The end of the last bin; null if there are none. */
   readonly end: number | null;
   readonly suggested: readonly { readonly isovalue: number; readonly cubes: number }[];
 }
@@ -74,9 +74,9 @@ export interface ValueInfo {
   readonly inside: boolean;
   readonly value: number | null;
   readonly node_value: number | null;
-  /** Of labels: its number as text, because numbers here are exact up to 2^53 only. */
+  /** For labels: the number as text, because JavaScript numbers are only exact up to 2^53. */
   readonly label?: string | null;
-  /** Of labels: what that one is called. */
+  /** For labels: the name. */
   readonly name?: string | null;
 }
 
@@ -111,6 +111,6 @@ export interface MeshHeader {
 
 export interface ErrorBody {
   readonly kind: string;
-  /** With the remedies. */
+  /** Includes the remedies. */
   readonly message: string;
 }

@@ -1,4 +1,4 @@
-// One mesh on the screen: coarse while something moves, then finer, step by step, while the user rests.
+// One mesh on the screen: coarse while something moves, then refined step by step while nothing does.
 import { type Api, type Parameters, ServerError } from "./api";
 import type { Mesh } from "./decode";
 import type { MeshHeader } from "./protocol";
@@ -15,39 +15,39 @@ export interface Step {
 export interface Plan {
   readonly kind: "surface" | "slice";
   readonly stream: string;
-  /** While it moves; null: there is nothing to show. */
+  /** While something moves; null: nothing is shown. */
   coarse(): Parameters | null;
-  /** While the user rests, the coarsest first. */
+  /** While nothing moves, coarsest first. */
   steps(): readonly Step[];
-  /** In place of what the memory was too small for: fewer triangles; null if there is nothing coarser. */
+  /** Replaces a request that exceeded the memory: fewer triangles; null if there is nothing coarser. */
   coarser(tooLarge: Parameters): Parameters | null;
-  /** Of what is shown: no step would make it better. */
+  /** Whether no step could improve the mesh that is shown. */
   enough(shown: MeshHeader): boolean;
   show(mesh: Mesh, parameters: Parameters): void;
   clear(): void;
-  /** What has changed in the three members below. */
+  /** Called when one of the three members below has changed. */
   changed(): void;
   failed(error: Error): void;
 }
 
 export class Refiner {
-  /** What is under way: its aim, null if nothing is. */
+  /** The aim of the current request; null if there is none. */
   aim: string | null = null;
-  /** Received of it, bytes. */
+  /** Bytes received of it. */
   received = 0;
-  /** Step that is under way or comes next, and how many there are; 0 of 0 while it moves. */
+  /** The current or next step, and the number of steps; 0 of 0 while something moves. */
   step: readonly [number, number] = [0, 0];
-  /** The memory was too small for a mesh as fine as is wanted. */
+  /** There was not enough memory for the wanted resolution. */
   shortOfMemory = false;
-  /** Milliseconds between the last moves of something and the pictures that show them. */
+  /** Milliseconds from recent moves to the pictures that show them. */
   readonly latencies: number[] = [];
 
   private wanted: Parameters | null = null;
   private steps: readonly Step[] = [];
   private shown: MeshHeader | null = null;
-  /** What is shown came from a step. */
+  /** The mesh that is shown came from a step. */
   private refined = false;
-  /** What the memory is too small for, of the same surface. */
+  /** Requests for the same surface that exceeded the memory. */
   private readonly tooLarge = new Set<string>();
   private running: "coarse" | "step" | null = null;
   private generation = 0;
@@ -63,7 +63,7 @@ export class Refiner {
     return this.running !== null || this.rest !== 0 || this.wanted !== null;
   }
 
-  /** Something else is to be shown. A coarse answer that is under way is still shown, a finer one is given up. */
+  /** Shows something else. A coarse answer in progress is still shown, a finer one is cancelled. */
   move(): void {
     this.stopSteps();
     this.tooLarge.clear();
@@ -79,7 +79,7 @@ export class Refiner {
     this.pump();
   }
 
-  /** The same is to be shown as finely as it is now wanted, for example by another camera. */
+  /** Shows the same surface at the resolution that is wanted now, for example with another camera. */
   look(): void {
     if (this.plan.coarse() === null || this.wanted !== null || this.shown === null) return;
     this.stopSteps();
@@ -88,7 +88,7 @@ export class Refiner {
     this.plan.changed();
   }
 
-  /** Once more from the start, after an error. */
+  /** Starts again after an error. */
   again(): void {
     this.move();
   }
@@ -116,7 +116,7 @@ export class Refiner {
     clearTimeout(this.rest);
     this.rest = setTimeout(() => {
       this.rest = 0;
-      // A finer mesh never gives way to a coarser one of the same surface.
+      // A finer mesh is never replaced by a coarser one of the same surface.
       const steps = this.plan.steps().slice(this.refined ? -1 : 0);
       this.steps = steps.filter(({ parameters }) => !this.tooLarge.has(keyOf(parameters)));
       this.shortOfMemory = steps.length > 0 && this.steps.length === 0;
@@ -165,7 +165,7 @@ export class Refiner {
     } catch (error) {
       if (!current()) return;
       if (this.wanted !== null) {
-        // Something else is to be shown by now: what is said of the old one is not true of it.
+        // Something else is wanted by now, so messages about the old request no longer apply.
         this.running = this.aim = null;
         this.pump();
         return;
@@ -188,12 +188,12 @@ export class Refiner {
   }
 }
 
-/** The same for all cameras: a mesh that is too large from one place is no better from another. */
+/** Independent of the camera: a mesh that is too large from one position is too large from others. */
 function keyOf({ camera, ...parameters }: Parameters): string {
   return JSON.stringify({ ...parameters, camera: camera !== undefined });
 }
 
-/** A quarter of the triangles; null where that is too coarse to show anything. `most`: what `tooLarge` was allowed, where it does not say so. */
+/** A quarter of the triangles; null if that is too coarse to be useful. `most`: the limit of `tooLarge` if it has none itself. */
 export function withFewerTriangles(tooLarge: Parameters, basis: Parameters, most: number): Parameters | null {
   const triangles = Math.floor(Number(tooLarge.triangles ?? tooLarge.limit ?? most) / 4);
   return triangles < kFewest ? null : { ...basis, triangles };

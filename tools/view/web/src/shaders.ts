@@ -1,4 +1,4 @@
-// How surfaces and slices are shaded. The surface is lit as `isonest picture` lights it.
+// Shading of surfaces and slices. The surface is lit like in `isonest picture`.
 import { DataTexture, DoubleSide, GLSL3, LinearFilter, RawShaderMaterial, RGBAFormat, Vector3 } from "three";
 import maps from "isonest:color-maps";
 
@@ -8,7 +8,7 @@ precision highp int;
 
 const kVertex = `${kHead}
 uniform mat4 modelViewMatrix, projectionMatrix, viewMatrix;
-in vec4 position; // in steps of the quantisation; w: a slice's value
+in vec4 position; // in quantisation steps; w: a slice's value
 in vec4 normal;
 out vec3 toEye, turned;
 out float value;
@@ -26,9 +26,9 @@ uniform vec3 front, back;
 in vec3 toEye, turned;
 out vec4 color;
 void main() {
-  vec3 across = cross(dFdx(toEye), dFdy(toEye)); // toward the eye
+  vec3 across = cross(dFdx(toEye), dFdy(toEye)); // faces the eye
   vec3 n = facets || dot(turned, turned) < 1e-6 ? normalize(across) : normalize(gl_FrontFacing ? turned : -turned);
-  // Of a strong light from the upper left, a weak one from the right, and a little from everywhere.
+  // A strong light from the upper left, a weak one from the right, and ambient light.
   float strong = max(dot(n, normalize(vec3(-0.45, 0.65, 0.9))), 0.0);
   float weak = max(dot(n, normalize(vec3(0.8, -0.1, 0.5))), 0.0);
   vec3 light = vec3(0.30, 0.30, 0.32) + 0.72 * strong + 0.2 * weak;
@@ -37,7 +37,7 @@ void main() {
 
 const kSlice = `${kHead}
 uniform sampler2D map;
-uniform vec2 window; // of a quantised value: times x, plus y, is 0 at the first colour and 1 at the last
+uniform vec2 window; // maps a quantised value (times x, plus y) to 0 at the first colour and 1 at the last
 in float value;
 out vec4 color;
 void main() {
@@ -45,7 +45,7 @@ void main() {
   color = vec4(texture(map, vec2((t * 255.0 + 0.5) / 256.0, 0.5)).rgb, 1.0);
 }`;
 
-/** How far away, from 0 at the near to 1 at the far plane, in 24 bits; and what it is. */
+/** The depth, from 0 at the near to 1 at the far plane, in 24 bits, and the id of the mesh. */
 const kPick = `${kHead}
 uniform vec2 reach;
 uniform float id;
@@ -62,9 +62,9 @@ function material(fragmentShader: string, uniforms: RawShaderMaterial["uniforms"
   return new RawShaderMaterial({ glslVersion: GLSL3, vertexShader: kVertex, fragmentShader, uniforms, side: DoubleSide });
 }
 
-const kFront = [110 / 255, 156 / 255, 204 / 255] as const; // where the values are smaller
+const kFront = [110 / 255, 156 / 255, 204 / 255] as const; // the side with smaller values
 
-/** Of the side where the values are smaller; null: the usual one. */
+/** Colour of the side with smaller values; null: the default. */
 export function setSurfaceColor(surface: RawShaderMaterial, color: readonly [number, number, number] | null): void {
   const front = color ?? kFront;
   const warm = [0.85, 0.72, 0.6] as const;
@@ -81,7 +81,7 @@ export function surfaceMaterial(): RawShaderMaterial {
 
 export function sliceMaterial(): RawShaderMaterial {
   const made = material(kSlice, { map: { value: null }, window: { value: [0, 0] } });
-  // Where it lies in a surface, it is seen.
+  // Draws it in front where it coincides with a surface.
   made.polygonOffset = true;
   made.polygonOffsetFactor = -1;
   made.polygonOffsetUnits = -1;

@@ -1,4 +1,4 @@
-// What the label that is shown is called, and its colour.
+// The name and colour of the label that is shown.
 import { type Api, ServerError } from "./api";
 import { setSurfaceColor } from "./shaders";
 import type { Stage } from "./stage";
@@ -6,7 +6,7 @@ import type { ViewStore } from "./state";
 import type { Surface } from "./surface";
 
 export class ShownLabel {
-  /** Empty: it has none, or nobody has said it yet. */
+  /** Empty if it has none, or it is not known yet. */
   name = "";
 
   constructor(
@@ -31,7 +31,7 @@ export class ShownLabel {
       this.changed(this.name);
     } catch (error) {
       if (error instanceof ServerError && error.superseded) return;
-      // It is not known what this one is called.
+      // The name of this label is unknown.
       this.name = "";
       setSurfaceColor(this.surface.drawn.material, null);
       this.stage.invalidate();

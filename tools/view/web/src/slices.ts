@@ -10,10 +10,10 @@ import { kSliceNames, type SliceName, type ViewStore } from "./state";
 
 const kMovingTriangles = 30_000;
 const kPixels = 2; // colours are linear between vertices
-const kMostTriangles = 1_000_000;
-const kShades = 512; // a value is not refined that differs by less than this part of the window
+const kMaxTriangles = 1_000_000;
+const kShades = 512; // fraction of the window (1 / this) below which values are not refined
 
-/** Of a DrawnMesh; 1 is the surface. */
+/** Ids of the slices' DrawnMesh; 1 is the surface. */
 export function sliceOf(id: number): SliceName | null {
   return kSliceNames[id - 2] ?? null;
 }
@@ -42,7 +42,7 @@ export class Slice {
         return { ...this.basis(), triangles: kMovingTriangles };
       },
       steps: () => this.steps(),
-      coarser: (tooLarge) => withFewerTriangles(tooLarge, this.basis(), kMostTriangles),
+      coarser: (tooLarge) => withFewerTriangles(tooLarge, this.basis(), kMaxTriangles),
       enough: (shown) => this.enough(shown),
       show: (mesh) => {
         this.drawn.show(mesh);
@@ -69,7 +69,7 @@ export class Slice {
     });
   }
 
-  /** What gives the mesh that is shown once more. */
+  /** The parameters that make the mesh that is shown. */
   asSeen(): Parameters | null {
     const { header } = this.drawn;
     return header && { ...this.basis(), error: header.error_bound ?? header.tolerance };
@@ -89,7 +89,7 @@ export class Slice {
   }
 
   private steps(): readonly Step[] {
-    const limit = Math.min(kMostTriangles, this.views.state.most);
+    const limit = Math.min(kMaxTriangles, this.views.state.most);
     const camera = [...this.stage.seen, kPixels].map((part) => Number(part.toPrecision(9))).join(",");
     return [{ parameters: { ...this.basis(), camera, error: this.error, limit }, aim: "to what the screen can show" }];
   }

@@ -1,4 +1,4 @@
-// The canvas: renderer, cameras, one frame whenever something has changed, and what lies under a point.
+// The canvas: renderer, cameras, one frame after each change, and picking.
 import {
   Color, LinearSRGBColorSpace, NearestFilter, OrthographicCamera, PerspectiveCamera, Scene, Vector3, WebGLRenderer, WebGLRenderTarget,
 } from "three";
@@ -8,15 +8,15 @@ import type { Box, StoreInfo, Vector } from "./protocol";
 import { kFieldOfView, type ViewState } from "./state";
 
 export interface Hit {
-  /** Of the DrawnMesh. */
+  /** Id of the DrawnMesh. */
   readonly id: number;
   readonly at: Vector;
 }
 
-/** What the protocol's `camera=` says of the picture. */
+/** The picture's part of the protocol's `camera=`. */
 export type Seen = readonly [x: number, y: number, z: number, fov: number, height: number];
 
-const kMostPixelRatio = 2;
+const kMaxPixelRatio = 2;
 
 export class Stage {
   readonly scene = new Scene();
@@ -33,7 +33,7 @@ export class Stage {
   private readonly box: Box;
   private state!: ViewState;
 
-  /** Throws Error where there is no WebGL 2. */
+  /** Throws Error without WebGL 2. */
   constructor(
     readonly canvas: HTMLCanvasElement,
     store: StoreInfo,
@@ -41,8 +41,8 @@ export class Stage {
     this.box = store.box;
     this.renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
     this.renderer.debug.checkShaderErrors = false; // it would wait for the graphics card
-    this.renderer.outputColorSpace = LinearSRGBColorSpace; // colours are what the shaders say
-    // z is up, but for data in a plane across z.
+    this.renderer.outputColorSpace = LinearSRGBColorSpace; // the shaders output the final colours
+    // z is up, except for data in a plane across z.
     const lies = store.dimension === 2 && store.nodes[2] === 1;
     for (const camera of [this.perspective, this.orthographic]) camera.up.set(0, lies ? 1 : 0, lies ? 0 : 1);
     this.resize();
@@ -64,7 +64,7 @@ export class Stage {
     this.invalidate();
   }
 
-  /** Called when the canvas has another size. */
+  /** Called when the size of the canvas changes. */
   onResize(action: () => void): void {
     this.afterResize.push(action);
   }
@@ -74,7 +74,7 @@ export class Stage {
     this.invalidate();
   }
 
-  /** The picture is drawn soon. */
+  /** Requests a frame. */
   invalidate(): void {
     if (this.asked !== 0) return;
     this.asked = requestAnimationFrame(() => {
@@ -97,25 +97,25 @@ export class Stage {
     return this.state.projection === "perspective" ? this.perspective : this.orthographic;
   }
 
-  /** Width of the picture, in heights. */
+  /** Width of the picture divided by its height. */
   get aspect(): number {
     return this.canvas.clientWidth / Math.max(this.canvas.clientHeight, 1);
   }
 
-  /** World units of a pixel of the page, where the camera looks at. */
+  /** World units per CSS pixel at the camera's target. */
   get unitsPerPixel(): number {
     const { eye, lookAt } = this.state;
     return (2 * lengthOf(eye, lookAt) * Math.tan((kFieldOfView / 2) * (Math.PI / 180))) / Math.max(this.canvas.clientHeight, 1);
   }
 
-  /** World units of a pixel of the picture, where the ball around the box is nearest to the eye: 0 if the eye is in it. */
+  /** World units per pixel where the sphere around the box is nearest to the eye; 0 if the eye is inside. */
   leastUnitsPerPixel(box: Box): number {
     const { eye, lookAt, projection } = this.state;
     const away = projection === "perspective" ? lengthToBall(eye, box) : lengthOf(eye, lookAt);
     return (2 * away * Math.tan((kFieldOfView / 2) * (Math.PI / 180))) / Math.max(this.renderer.domElement.height, 1);
   }
 
-  /** Without perspective that of a camera very far away. */
+  /** Without perspective, that of a very distant camera. */
   get seen(): Seen {
     const { eye, lookAt, projection } = this.state;
     const height = this.renderer.domElement.height;
@@ -127,14 +127,14 @@ export class Stage {
     return [far(0), far(1), far(2), fov, height];
   }
 
-  /** Pixels of the page, from the canvas's upper left corner; null behind the eye. */
+  /** In CSS pixels, from the canvas's upper left corner; null behind the eye. */
   project(at: Vector): readonly [number, number] | null {
     const p = new Vector3(...at).project(this.camera);
     if (!(p.z > -1 && p.z < 1)) return null;
     return [((p.x + 1) / 2) * this.canvas.clientWidth, ((1 - p.y) / 2) * this.canvas.clientHeight];
   }
 
-  /** What is drawn there, if anything. Does not wait for the graphics card. */
+  /** What is drawn at this point, if anything. Does not wait for the graphics card. */
   async pick(x: number, y: number): Promise<Hit | null> {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     if (width === 0 || height === 0) return null;
@@ -166,14 +166,14 @@ export class Stage {
   private resize(): void {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     if (width === 0 || height === 0) return;
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, kMostPixelRatio));
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, kMaxPixelRatio));
     const before = this.renderer.domElement.height;
     this.renderer.setSize(width, height, false);
     this.invalidate();
     if (this.renderer.domElement.height !== before) for (const action of this.afterResize) action();
   }
 
-  /** The cameras as the state says; near and far as close around the volume as can be. */
+  /** Sets the cameras from the state, with near and far planes as close to the volume as possible. */
   private aim(): void {
     const { eye, lookAt } = this.state;
     const { aspect } = this;

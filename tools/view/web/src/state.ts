@@ -1,21 +1,21 @@
-// The view: everything that is chosen, in one place. Who shows it subscribes; who changes it calls set().
+// The view: all settings in one place. Code that shows them subscribes; code that changes them calls set().
 import type { Box, StoreInfo, Vector } from "./protocol";
-import { centreOf, radiusOf } from "./geometry";
+import { axisNormal, centreOf, dot, radiusOf } from "./geometry";
 
-/** To what the surface is refined while nothing moves. */
+/** The goal to which the surface is refined while nothing moves. */
 export type Target = "screen" | "full" | "error" | "distance" | "triangles";
 export type SliceName = "x" | "y" | "z" | "o";
 export const kSliceNames: readonly SliceName[] = ["x", "y", "z", "o"];
 
 export interface SliceState {
   readonly on: boolean;
-  /** World units along the normal: from the world's origin, of the oblique one from the volume's middle. */
+  /** World units along the normal: from the world's origin; for the oblique slice from the volume's centre. */
   readonly at: number;
 }
 
 export interface ViewState {
   readonly surface: boolean;
-  /** Of a volume of labels the label. */
+  /** For a volume of labels, the label. */
   readonly iso: number;
   readonly target: Target;
   readonly pixels: number;
@@ -24,16 +24,16 @@ export interface ViewState {
   readonly triangles: number;
   /** Triangles of a surface whose isovalue or box is being moved. */
   readonly moving: number;
-  /** No mesh that is asked for has more triangles, but within a distance. */
+  /** Limit for the triangles of every requested mesh, except within a distance. */
   readonly most: number;
   readonly largest: boolean;
-  /** The smooth surface of the label `iso`, in place of the isosurface, or of the one half way between nodes. */
+  /** The smooth surface of the label `iso`, instead of the isosurface or the one half way between nodes. */
   readonly smooth: boolean;
   readonly facets: boolean;
   /** Null: everything. */
   readonly box: Box | null;
   readonly slices: Readonly<Record<SliceName, SliceState>>;
-  /** Degrees: of the oblique slice's normal, around z and above the x-y plane. */
+  /** In degrees: of the oblique slice's normal, around z and above the x-y plane. */
   readonly turn: number;
   readonly tilt: number;
   /** Values of the first and the last colour. */
@@ -49,9 +49,9 @@ export interface ViewState {
 export type Key = keyof ViewState;
 export type Listener = (state: ViewState, changed: ReadonlySet<Key>) => void;
 
-/** Degrees, from the top of the picture to its bottom. */
+/** In degrees, from the top of the picture to its bottom. */
 export const kFieldOfView = 30;
-const kHome: Vector = [1, -1.6, 0.9]; // as `isonest picture` looks
+const kHome: Vector = [1, -1.6, 0.9]; // like `isonest picture`
 
 export class ViewStore {
   private listeners: Listener[] = [];
@@ -60,7 +60,7 @@ export class ViewStore {
   get state(): ViewState {
     return this.current;
   }
-  /** Called after each change, and once now with everything. */
+  /** Called after each change, and once immediately with everything. */
   subscribe(listener: Listener): void {
     this.listeners.push(listener);
     listener(this.current, new Set(Object.keys(this.current) as Key[]));
@@ -80,12 +80,12 @@ function same(a: unknown, b: unknown): boolean {
   return a === b || JSON.stringify(a) === JSON.stringify(b);
 }
 
-/** Whole numbers in space may name things, whether or not the store says so. */
+/** Integers in space may be labels, even if the store does not say so. */
 export function mayBeLabels(store: StoreInfo): boolean {
   return store.dimension === 3 && (store.labels || store.integer);
 }
 
-/** From where the whole box is seen, looking against `toward`; the picture is `aspect` times as wide as high. */
+/** A position from which the whole box is visible, looking against `toward`; `aspect`: width / height of the picture. */
 export function eyeFor(box: Box, toward: Vector, aspect: number): Vector {
   const length = Math.hypot(...toward);
   const half = Math.atan(Math.tan((kFieldOfView / 2) * (Math.PI / 180)) * Math.min(aspect, 1));
@@ -94,13 +94,13 @@ export function eyeFor(box: Box, toward: Vector, aspect: number): Vector {
   return [x + (toward[0] / length) * distance, y + (toward[1] / length) * distance, z + (toward[2] / length) * distance];
 }
 
-/** What a page that was never used shows. */
+/** The initial view of a page. */
 export function defaults(store: StoreInfo, isovalue: number, aspect: number): ViewState {
   const middle = centreOf(store.box);
   const flat = store.dimension === 2;
   const least = store.min_value ?? 0;
   const largest = store.max_value ?? 1;
-  const along = (axis: 0 | 1 | 2): number => store.direction[axis].reduce((sum, part, i) => sum + part * (middle[i] ?? 0), 0);
+  const along = (axis: 0 | 1 | 2): number => dot(axisNormal(axis, store), middle);
   const flatAxis = store.nodes.indexOf(1);
   return {
     surface: !flat,

@@ -1,4 +1,4 @@
-// The surface: what to ask for it, and what is shown of it.
+// The surface: its requests, and what is shown of it.
 import type { Api, Parameters } from "./api";
 import { DrawnMesh } from "./drawn_mesh";
 import type { MeshHeader, StoreInfo } from "./protocol";
@@ -7,23 +7,23 @@ import { surfaceMaterial } from "./shaders";
 import type { Stage } from "./stage";
 import { mayBeLabels, type Key, type ViewState, type ViewStore } from "./state";
 
-/** A change of these shows another surface, and of those the same one otherwise. */
+/** A change of kMoves shows another surface, a change of kLooks the same surface with another quality. */
 const kMoves: readonly Key[] = ["surface", "iso", "box", "largest", "smooth", "moving", "most"];
 const kLooks: readonly Key[] = ["target", "pixels", "error", "distance", "triangles"];
-/** How often vertices of a smooth label are moved: as isonest extract does it. */
+/** Smoothing steps for vertices of a smooth label: as in isonest extract. */
 const kPasses = 16;
 const kFirstSteps = 10; // times the triangles while moving
-/** Simplified meshes come from the whole surface at full resolution: of larger volumes that takes too long at rest. */
-const kMostSimplified = 2 ** 28; // nodes
-/** Within less than that the surface hardly gets smaller. */
-const kLeastDistance = 0.25; // of two nodes next to each other
+/** Simplified meshes are made from the whole surface at full resolution, which takes too long for larger volumes. */
+const kMaxSimplified = 2 ** 28; // nodes
+/** Below this distance the mesh hardly gets smaller. */
+const kMinDistance = 0.25; // in distances of neighbouring nodes
 
 export const kSurfaceId = 1;
 
 export class Surface {
   readonly drawn = new DrawnMesh(kSurfaceId, surfaceMaterial());
   readonly refiner: Refiner;
-  /** What was asked for the mesh that is shown. */
+  /** The request for the mesh that is shown. */
   private asked: Parameters = {};
 
   constructor(
@@ -40,9 +40,9 @@ export class Surface {
       stream: "surface",
       coarse: () => {
         if (!views.state.surface) return null;
-        // Labels have no errors among which one could be chosen for a number of triangles.
+        // Labels have no errors from which to choose a number of triangles.
         if (store.labels || this.isSmooth()) return { ...this.basis(), error: 0 };
-        // Of a store elsewhere, what needs nothing more from the network.
+        // For a remote store: what needs nothing more from the network.
         if (store.first_error !== null) return { ...this.basis(), error: store.first_error, limit: views.state.moving };
         return { ...this.basis(), triangles: views.state.moving };
       },
@@ -70,12 +70,12 @@ export class Surface {
     });
   }
 
-  /** The canvas has another size. */
+  /** Called when the size of the canvas changes. */
   resized(): void {
     if (this.views.state.target === "screen") this.refiner.look();
   }
 
-  /** What gives the mesh that is shown once more, for an export or the command line; null if there is none. */
+  /** The parameters that make the mesh that is shown, for an export or the command line; null if there is none. */
   asSeen(): Parameters | null {
     const { header } = this.drawn;
     if (!header) return null;
@@ -103,7 +103,7 @@ export class Surface {
     };
   }
 
-  /** A label's smooth surface is wanted: it is whole, and not refined. */
+  /** A label's smooth surface is wanted: it is made as a whole, without refinement. */
   private isSmooth(): boolean {
     return mayBeLabels(this.store) && this.views.state.smooth;
   }
@@ -112,14 +112,14 @@ export class Surface {
     return [...this.stage.seen, pixels].map((part) => Number(part.toPrecision(9))).join(",");
   }
 
-  /** A distance that nobody sees, if a mesh is made within one: half of `pixels` of the screen, as a camera's triangles are. */
+  /** An invisible distance, for meshes within a distance: half of `pixels` of the screen, like a camera's triangles. */
   private unseenDistance(): number | null {
     const { store } = this;
     const { pixels, box } = this.views.state;
     const unseen = (pixels / 2) * this.stage.leastUnitsPerPixel(box ?? store.box);
     const nodes = store.nodes.reduce((product, count) => product * count, 1);
-    if (!(unseen >= kLeastDistance * Math.min(...store.spacing)) || nodes > kMostSimplified) return null;
-    return 2 ** (Math.floor(2 * Math.log2(unseen)) / 2); // in steps, so that small moves change nothing
+    if (!(unseen >= kMinDistance * Math.min(...store.spacing)) || nodes > kMaxSimplified) return null;
+    return 2 ** (Math.floor(2 * Math.log2(unseen)) / 2); // in steps, so that small moves have no effect
   }
 
   private steps(): readonly Step[] {
@@ -158,7 +158,7 @@ export class Surface {
     if (target === "screen" && shown.stop === "distance") {
       return unseen !== null && shown.tolerance <= unseen && shown.tolerance > unseen / 4;
     }
-    if (unseen !== null && shown.triangles > moving) return false; // fewer show the same
+    if (unseen !== null && shown.triangles > moving) return false; // fewer triangles look the same
     if (shown.full_resolution && target !== "distance") return true;
     return target === "error" && shown.error_bound !== null && shown.error_bound <= error && shown.tolerance >= error;
   }

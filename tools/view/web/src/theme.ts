@@ -1,11 +1,11 @@
-// Light and dark: as the system wants it, or as chosen. The picture's background follows.
+// Light and dark: the system's preference, or the user's choice. The picture's background follows.
 import type { ViewState } from "./state";
 
 const kDark = matchMedia("(prefers-color-scheme: dark)");
 
 export type Rgb = readonly [number, number, number];
 
-/** Calls `paint` with the background and the lines' colour, 0 to 1 each, now and whenever they change. Returns what a change of the state calls. */
+/** Calls `paint` with the background and line colours, 0 to 1, now and at every change. Returns the handler for state changes. */
 export function bindTheme(paint: (background: Rgb, lines: Rgb) => void): (theme: ViewState["theme"]) => void {
   let chosen: ViewState["theme"] = "auto";
   const apply = (): void => {
@@ -21,7 +21,7 @@ export function bindTheme(paint: (background: Rgb, lines: Rgb) => void): (theme:
   };
 }
 
-/** Of #rrggbb. */
+/** Parses #rrggbb. */
 function parse(color: string): Rgb {
   const digits = color.trim().slice(1);
   const part = (i: number): number => parseInt(digits.slice(2 * i, 2 * i + 2), 16) / 255;

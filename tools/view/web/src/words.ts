@@ -12,7 +12,7 @@ export function short(value: number): string {
   if (size !== 0 && (size < 1e-4 || size >= 1e7)) return value.toExponential(3).replace("e+", "e");
   return kShort.format(value);
 }
-/** Rounded up, so that a bound stays one. */
+/** Rounded up, so that it remains a bound. */
 export function shortBound(value: number): string {
   if (!(value > 0)) return short(value);
   const digit = 10 ** (Math.floor(Math.log10(value)) - 2);
@@ -29,13 +29,13 @@ export function place(at: readonly number[]): string {
   return at.map(short).join(", ");
 }
 
-/** What lengths are in: "mm", "µm", or "world units" where that is not known. */
+/** The unit of lengths: "mm", "µm", or "world units" if unknown. */
 export function unitOf(store: StoreInfo): string {
   const letters: Readonly<Record<string, string>> = { um: "µm", angstrom: "Å" };
   return store.unit === null ? "world units" : letters[store.unit] ?? store.unit;
 }
 
-/** What is proven of a surface; `unit`: of lengths. */
+/** The proven quality of a surface; `unit`: of lengths. */
 export function surfaceBound(header: MeshHeader, unit: string): string {
   if (header.smooth_bound !== null) return `smooth, within ${shortBound(header.smooth_bound)} ${unit} of the faces of the voxels`;
   if (header.full_resolution) return "full resolution";
@@ -46,7 +46,7 @@ export function surfaceBound(header: MeshHeader, unit: string): string {
   return "without a bound";
 }
 
-/** What is proven of a slice; what its values were rounded by comes on top. */
+/** The proven quality of a slice; the rounding of its values is added. */
 export function sliceBound(header: MeshHeader): string {
   const rounding = header.value_rounding ?? 0;
   if (header.full_resolution) {
@@ -56,7 +56,7 @@ export function sliceBound(header: MeshHeader): string {
   return `values within ${shortBound(header.error_bound + rounding)} of the data`;
 }
 
-/** By how much vertices were moved for the way here, or nothing to say. */
+/** How far rounding moved the vertices; empty if it did not, or if the mesh's bound includes it. */
 export function rounding(header: MeshHeader, unit: string): string {
   if (!(header.position_rounding > 0) || (header.distance_bound ?? header.smooth_bound) !== null) return "";
   return `Vertices are rounded by up to ${shortBound(header.position_rounding)} ${unit}.`;

@@ -1,4 +1,4 @@
-// The box that surface and slices are clipped to: its sliders, and its outline in the picture.
+// The box that clips surface and slices: its sliders, and its outline in the picture.
 import { BufferAttribute, BufferGeometry, LineBasicMaterial, LineSegments } from "three";
 import { button, checkbox, h, section } from "../dom";
 import { cornersOf } from "../geometry";
@@ -7,7 +7,7 @@ import { Slider } from "./slider";
 import type { Stage } from "../stage";
 import type { ViewStore } from "../state";
 
-const kLeastPart = 1e-3; // of the volume, along an axis
+const kMinPart = 1e-3; // fraction of the volume along an axis
 
 export class ClippingPanel {
   readonly element: HTMLElement;
@@ -59,7 +59,7 @@ export class ClippingPanel {
     const { box: all } = this.store;
     const next = [...(this.views.state.box ?? all)];
     const axis = index % 3;
-    const gap = kLeastPart * (all[axis + 3]! - all[axis]!);
+    const gap = kMinPart * (all[axis + 3]! - all[axis]!);
     next[index] = index < 3 ? Math.min(value, next[axis + 3]! - gap) : Math.max(value, next[axis]! + gap);
     this.views.set({ box: next as unknown as Box });
   }
@@ -69,7 +69,7 @@ function cornersOfBox(box: Box): Vector[] {
   return [0, 1, 2, 3, 4, 5, 6, 7].map((corner) => [box[corner & 1 ? 3 : 0], box[corner & 2 ? 4 : 1], box[corner & 4 ? 5 : 2]]);
 }
 
-/** The twelve edges between corners whose numbers differ in one bit. */
+/** The twelve edges, between corners whose numbers differ in one bit. */
 function edges(corners: readonly Vector[]): BufferGeometry {
   const ends: number[] = [];
   for (let corner = 0; corner < 8; ++corner) {

@@ -1,5 +1,5 @@
-// What is seen as a file: the mesh, the picture, and the command line that makes the same mesh. Where there is no server, the page
-// makes the files, and knows no command line.
+// Exports what is shown: the mesh, the picture, and the command line that makes the same mesh. Without a server, the
+// page makes the files, and there is no command line.
 import { type Api, type Parameters, ServerError, targetOf } from "../api";
 import { button, h, section, select } from "../dom";
 import { kPageFormats, type PageFormat } from "../mesh_files";
@@ -12,7 +12,7 @@ import { kSliceNames } from "../state";
 import type { Surface } from "../surface";
 
 const kServerFormats = ["ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf"] as const;
-const kPause = 400; // milliseconds, between the last change and the question for the command line
+const kPause = 400; // milliseconds between the last change and the request for the command line
 
 type Subject = "seen" | "full" | SliceName;
 
@@ -29,7 +29,7 @@ export class ExportPanel {
     views: ViewStore,
     private readonly store: StoreInfo,
     private readonly api: Api,
-    /** Null where there is none. */
+    /** Null if there is none. */
     private readonly server: ServerTransport | null,
     private readonly stage: Stage,
     private readonly surface: Surface,
@@ -58,14 +58,14 @@ export class ExportPanel {
     this.element.addEventListener("toggle", () => this.refresh());
   }
 
-  /** What is shown has changed. */
+  /** Called when something else is shown. */
   refresh(): void {
     clearTimeout(this.timer);
     if (this.server && this.element.open) this.timer = setTimeout(() => void this.ask(), kPause);
   }
 
   savePicture(): void {
-    this.stage.draw(); // in this same task, so that the canvas still has it
+    this.stage.draw(); // in the same task, while the canvas still has the picture
     this.stage.canvas.toBlob((blob) => {
       if (!blob) return this.failed(new Error("The picture could not be made."));
       this.save(blob, `${this.name}.png`);
@@ -88,7 +88,7 @@ export class ExportPanel {
     if (!parameters) return this.failed(new Error("There is nothing to save: what was chosen is not shown."));
     const format = this.format.input.value;
     const name = `${this.name}.${format}`;
-    // By the browser, straight to the disk: a mesh may be larger than a page may hold.
+    // Downloaded by the browser directly to disk, because a mesh may exceed the page's memory.
     if (this.server) return this.download(this.server.url(targetOf("export", { ...parameters, format })), name);
     try {
       const kind = "plane" in parameters ? "slice" : "surface";

@@ -1,4 +1,4 @@
-// The histogram over the isovalue's slider: how often values occur, how much surface each isovalue has, what is suggested.
+// The histogram above the isovalue slider: the frequency of values, the amount of surface per isovalue, suggestions.
 import { button, h, setAttributes, svg } from "../dom";
 import type { HistogramInfo, StoreInfo } from "../protocol";
 import { niceStep } from "./slider";
@@ -39,7 +39,7 @@ export class HistogramPanel {
       h("div", { class: "plot" }, this.plot), this.range, this.marks, this.note,
     );
     if (store.labels) {
-      // Labels are names: neither their order nor what lies between them says anything.
+      // Labels are names: neither their order nor values between them have a meaning.
       for (const element of this.element.querySelectorAll<HTMLElement>(".plot, .marks, #iso")) element.hidden = true;
       this.showLabel("");
     }
@@ -64,7 +64,7 @@ export class HistogramPanel {
     });
   }
 
-  /** Moves by a part of the range; of integers at least by half a number. */
+  /** Moves by a fraction of the range; for integers by at least half a number. */
   step(part: number): void {
     if (this.store.labels) {
       this.views.set({ iso: Math.round(this.views.state.iso) + Math.sign(part) });
@@ -76,7 +76,7 @@ export class HistogramPanel {
     this.views.set({ iso });
   }
 
-  /** What the label is called; empty if it has no name. */
+  /** The name of the label; empty if it has none. */
   showLabel(name: string): void {
     this.note.textContent = `${name === "" ? "The surface of this label is shown." : `The surface of ${name} is shown.`} The cursor tells the label that it is on.`;
   }

@@ -1,4 +1,4 @@
-// How much memory the page and the server hold; and whether the server and its store are still there.
+// The memory used by the page and the server, and whether the server and its store are still available.
 import type { Api } from "../api";
 import type { DrawnMesh } from "../drawn_mesh";
 import { h, section } from "../dom";
@@ -61,7 +61,7 @@ export class MemoryPanel {
     if (value && value.textContent !== text) value.textContent = text;
   }
 
-  /** Never ends; asks nothing while nobody sees the page. */
+  /** Never ends; pauses while the page is hidden. */
   private async watch(): Promise<void> {
     for (;;) {
       if (!document.hidden) {

@@ -1,7 +1,7 @@
-// On a narrow screen the panel is a sheet below the picture, which can be folded.
+// On a narrow screen the panel is a collapsible sheet below the picture.
 import { byId } from "../dom";
 
-/** Wires the button that folds the panel. */
+/** Connects the button that collapses the panel. */
 export function bindSheet(): void {
   const toggle = byId("sheet-toggle");
   const narrow = matchMedia("(max-width: 700px)");
@@ -14,7 +14,7 @@ export function bindSheet(): void {
   set(!narrow.matches);
 }
 
-/** The line that the folded sheet shows. */
+/** The line that is shown while the sheet is collapsed. */
 bindSheet.summary = (text: string): void => {
   byId("sheet-summary").textContent = text;
 };

@@ -1,4 +1,4 @@
-// Sliders for the slices, their colours and their window.
+// Sliders for the slices, with their colours and value window.
 import { button, checkbox, h, section, select } from "../dom";
 import { reachOf } from "../geometry";
 import type { StoreInfo } from "../protocol";

@@ -1,4 +1,4 @@
-// A slider with a number field beside it, for one number.
+// A slider with a number field for one number.
 import { h, numberField } from "../dom";
 import { short } from "../words";
 
@@ -9,9 +9,9 @@ export interface SliderOptions {
   readonly label: string;
   readonly least: number;
   readonly largest: number;
-  /** Of the slider; the field takes any number in the range. */
+  /** Step of the slider; the field accepts any number in the range. */
   readonly step?: number;
-  /** The field may go beyond the slider's ends. */
+  /** The field may exceed the slider's range. */
   readonly open?: boolean;
 }
 
@@ -20,7 +20,7 @@ export class Slider {
   readonly range: HTMLInputElement;
   private readonly field: ReturnType<typeof numberField>;
 
-  /** `moved` hears every change, by the slider and the field. */
+  /** `moved` is called for every change, by the slider or the field. */
   constructor(options: SliderOptions, moved: (value: number) => void) {
     const { id, label } = options;
     this.range = h("input", { type: "range", id, "aria-label": label });

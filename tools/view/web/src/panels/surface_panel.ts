@@ -1,4 +1,4 @@
-// Choices for the surface, and in plain words how good it is now.
+// Options for the surface, and its current quality in plain words.
 import { checkbox, h, numberField, section, select } from "../dom";
 import type { StoreInfo } from "../protocol";
 import type { Surface } from "../surface";
@@ -12,11 +12,11 @@ const kTargets: readonly (readonly [Target, string])[] = [
   ["distance", "to a distance"],
   ["triangles", "to a number of triangles"],
 ];
-/** Errors and cameras are of values, and labels have none. */
+/** Errors and cameras only apply to values, not to labels. */
 const kOfLabels: readonly Target[] = ["full", "distance"];
 
 export class SurfacePanel {
-  /** How good the surface is now. */
+  /** The current quality of the surface. */
   readonly state: HTMLElement;
   readonly choices: HTMLElement;
   private readonly bound = h("p", { class: "bound", id: "surface-bound" });
@@ -69,7 +69,7 @@ export class SurfacePanel {
     });
   }
 
-  /** What is shown, or under way, has changed. */
+  /** Called when another mesh is shown or in progress. */
   refresh(): void {
     const { header } = this.surface.drawn;
     this.bound.textContent = this.sentence();
@@ -82,7 +82,7 @@ export class SurfacePanel {
     this.detail.textContent = header ? `${short}${limited}${uncut}${rounding(header, this.unit)}` : "";
   }
 
-  /** The bound in a sentence's words, without a stop; empty if there is no surface. */
+  /** The bound as part of a sentence, without a full stop; empty if there is no surface. */
   sentence(): string {
     const { header } = this.surface.drawn;
     if (!header) return "";

@@ -1,4 +1,4 @@
-// From where the volume is seen, and how the page looks.
+// The direction of view, and the page's appearance.
 import type { CameraMoves } from "../camera_moves";
 import { kDirections } from "../camera_moves";
 import { button, checkbox, h, section, select } from "../dom";

@@ -1,8 +1,8 @@
-// The worker of a page without a server: answers requests as PROTOCOL.md has them, one after the other.
+// The worker of a page without a server: answers requests as in PROTOCOL.md, one after the other.
 import { UrlBytes } from "./url_bytes";
 import { Cancelled, type Loader, NotFetched, WasmStore } from "./wasm_store";
 
-/** From the page. `target`: what PROTOCOL.md has behind `api/`. */
+/** From the page. `target`: the part of PROTOCOL.md's requests after `api/`. */
 type Order =
   | { readonly kind: "open"; readonly url: string; readonly memory: number }
   | { readonly kind: "request"; readonly id: number; readonly target: string }
@@ -39,14 +39,14 @@ async function open(url: string, memory: number): Promise<WasmStore> {
     bytesOfRunning += count;
     if (running) send({ kind: "progress", id: running.id, bytes: bytesOfRunning });
   });
-  object.catch(() => {}); // it is waited for below
+  object.catch(() => {}); // awaited below
   const loader = (await import(/* the build leaves it alone */ new URL("isonest.mjs", beside).href)) as { default: Loader };
   const code = await fetch(new URL("isonest.wasm", beside));
   if (!code.ok) throw new Error(`isonest.wasm, a part of this page, cannot be loaded: the server answers ${code.status}.`);
   return WasmStore.open(loader.default, await code.arrayBuffer(), await object, memory);
 }
 
-/** As the server's errors. */
+/** Like the server's errors. */
 function answerError(id: number, status: number, kind: string, message: string): void {
   const body = new TextEncoder().encode(`${JSON.stringify({ error: { kind, message, remedies: [] } })}\n`).buffer;
   send({ kind: "answer", id, status, type: "application/json", body }, [body]);
@@ -83,12 +83,12 @@ async function work(): Promise<void> {
       } else if (error instanceof NotFetched) {
         answerError(request.id, 500, "io", error.message);
       } else {
-        running = null; // the store did not open, or what is in memory may be anything
+        running = null; // the store did not open, or its memory is in an unknown state
         send({ kind: "failed", message: told(error) });
         return;
       }
     }
-    // What has come meanwhile is seen before the next one begins.
+    // Processes messages that have arrived before the next request.
     await new Promise((go) => setTimeout(go, 0));
   }
   running = null;

@@ -1,17 +1,17 @@
-// The bytes of an object at a URL, by requests for ranges: as one state of it, or an error.
+// Reads an object at a URL by range requests: always the same version of it, or an error.
 import { Patience, waitNow } from "./patience";
 import type { ObjectBytes } from "./wasm_store";
 
-/** How often somebody who waits is asked whether anybody wants the answer. */
+/** How often a waiting request checks whether its answer is still wanted. */
 const kLook = 100; // milliseconds
 
-/** What of an answer says which state of the object it is of. Other origins may hide the first. */
+/** The headers that identify the version of the object. Other origins may hide the first. */
 interface State {
   readonly etag: string | null;
   readonly modified: string | null;
 }
 
-/** Of fetch() or XMLHttpRequest. */
+/** From fetch() or XMLHttpRequest. */
 type HeaderOf = (name: string) => string | null;
 
 function stateOf(header: HeaderOf): State {
@@ -34,7 +34,7 @@ export class UrlBytes implements ObjectBytes {
     private readonly received: (bytes: number) => void,
   ) {}
 
-  /** `received` is told the bytes of each answer. */
+  /** `received` gets the number of bytes of each answer. */
   static async open(url: string, received: (bytes: number) => void): Promise<UrlBytes> {
     const absolute = new URL(url, location.href);
     const name = absolute.origin + absolute.pathname;
@@ -50,7 +50,7 @@ export class UrlBytes implements ObjectBytes {
 
   async read(offset: number, size: number, isCancelled: () => boolean): Promise<Uint8Array> {
     const start = performance.now();
-    // What the browser has kept of an older state is asked for anew, once.
+    // If the browser's cache has an older version, requests it again, once.
     for (const cache of ["default", "reload"] as const) {
       const [response, tried] = await asked(this.name, () => fetch(this.url, { headers: { Range: rangeOf(offset, size) }, cache }), isCancelled);
       const header: HeaderOf = (name) => response.headers.get(name);
@@ -113,7 +113,7 @@ function answers(name: string, status: number, header: HeaderOf, tried: string):
   return `${name}: the server answers ${status}${tried}${after === null ? "" : `, and asks to wait: ${after}`}.`;
 }
 
-/** The answer, once it is none that asks to wait or was waited for long enough; and how often it was asked for, in words. */
+/** Returns the answer after any retries, and the number of tries, in words. */
 async function asked(name: string, ask: () => Promise<Response>, isCancelled: () => boolean): Promise<[Response, string]> {
   const patience = new Patience();
   for (;;) {
@@ -125,7 +125,7 @@ async function asked(name: string, ask: () => Promise<Response>, isCancelled: ()
     }
     const wait = patience.wait(response.status, response.headers.get("Retry-After"));
     if (wait === null) return [response, patience.tried];
-    response.body?.cancel().catch(() => undefined); // else it may keep its connection
+    response.body?.cancel().catch(() => undefined); // otherwise it may keep its connection
     for (const end = performance.now() + wait; performance.now() < end && !isCancelled(); ) {
       await new Promise((go) => setTimeout(go, Math.min(kLook, end - performance.now())));
     }

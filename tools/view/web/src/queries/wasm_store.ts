@@ -1,15 +1,15 @@
-// isonest.wasm (tools/web): a store and its queries. It knows no network: who makes it gives the bytes.
+// isonest.wasm (tools/web): a store and its queries. Independent of the network: the creator provides the bytes.
 
-/** Bytes of the object that the store is. Errors of both are for the user. */
+/** The bytes of the store. Errors of both methods are shown to the user. */
 export interface ObjectBytes {
-  /** For messages: without what may be secret. */
+  /** For messages: without secrets. */
   readonly name: string;
   readonly size: number;
-  /** Milliseconds until a small answer is there. */
+  /** Milliseconds from a small request to its answer. */
   readonly roundTrip: number;
-  /** It waits no longer once `isCancelled()`. */
+  /** Stops waiting once `isCancelled()`. */
   read(offset: number, size: number, isCancelled: () => boolean): Promise<Uint8Array>;
-  /** The same, at once; throws. */
+  /** The same, synchronously; throws. */
   readNow(offset: number, size: number): Uint8Array;
 }
 
@@ -19,7 +19,7 @@ export interface WasmAnswer {
   readonly body: ArrayBuffer;
 }
 
-/** What isonest.mjs makes. */
+/** The module that isonest.mjs creates. */
 interface Module {
   readonly HEAPU8: Uint8Array;
   readonly HEAPF64: Float64Array;
@@ -41,17 +41,17 @@ interface Module {
 
 export type Loader = (options: object) => Promise<Module>;
 
-/** Nobody wants the answer any more. */
+/** The answer is no longer wanted. */
 export class Cancelled extends Error {}
-/** Bytes did not come. */
+/** Bytes could not be fetched. */
 export class NotFetched extends Error {}
 
 const kPage = 65536;
-/** How often a query may begin anew; then it waits for each of its requests. */
-const kMostRuns = 64;
+/** How often a query may start again; after that it waits for each of its requests. */
+const kMaxRuns = 64;
 const kNeedsBytes = 1;
 
-/** Numbers of times and bytes since it was made. */
+/** Counters since it was created. */
 export interface Counts {
   runs: number;
   trips: number;
@@ -66,7 +66,7 @@ export class WasmStore {
     readonly memory: WebAssembly.Memory,
   ) {}
 
-  /** Throws what the answer of an error says if the object is no store. `memory`: all that it may use, bytes. */
+  /** Throws the answer's error if the object is not a store. `memory`: memory budget in bytes. */
   static async open(load: Loader, wasmBinary: ArrayBuffer | Uint8Array, bytes: ObjectBytes, memory: number): Promise<WasmStore> {
     const wasmMemory = new WebAssembly.Memory({ initial: 256, maximum: Math.max(512, Math.floor(memory / kPage)) });
     const fetchNow = (offset: number, size: number): Uint8Array | string => {
@@ -85,7 +85,7 @@ export class WasmStore {
     return store;
   }
 
-  /** `target`: "/api/..." as in PROTOCOL.md. Throws Cancelled once `isCancelled()`, which is asked between two runs. */
+  /** `target`: "/api/..." as in PROTOCOL.md. Throws Cancelled once `isCancelled()`, which is called between two runs. */
   async ask(target: string, isCancelled: () => boolean = () => false): Promise<WasmAnswer> {
     return this.run((mayUnwind) => this.withText(target, (at) => this.module._isonest_ask(at, mayUnwind)), isCancelled);
   }
@@ -94,7 +94,7 @@ export class WasmStore {
     for (let runs = 1; ; ++runs) {
       this.module._isonest_round_trip(this.bytes.roundTrip);
       this.counts.runs += 1;
-      if (query(runs < kMostRuns ? 1 : 0) !== kNeedsBytes) return this.answer();
+      if (query(runs < kMaxRuns ? 1 : 0) !== kNeedsBytes) return this.answer();
       await this.fetchNeeded(isCancelled);
       if (isCancelled()) throw new Cancelled();
     }
@@ -156,7 +156,7 @@ export class WasmStore {
   }
 }
 
-/** Of an answer that is an error. */
+/** For an answer that is an error. */
 export function messageOf(answer: WasmAnswer): string {
   const text = new TextDecoder().decode(answer.body);
   try {

@@ -5,7 +5,7 @@ export class ServerTransport implements Transport {
   readonly hasServer = true;
   private readonly token = new URLSearchParams(location.search).get("token");
 
-  /** Also for links: with the token of the page's own URL. */
+  /** Also for links: includes the token of the page's own URL. */
   url(target: string): string {
     if (this.token === null) return `api/${target}`;
     return `api/${target}${target.includes("?") ? "&" : "?"}${new URLSearchParams({ token: this.token })}`;

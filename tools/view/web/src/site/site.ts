@@ -1,8 +1,9 @@
-// A published site: which stores it shows. Its page names its list, site.json, in a <meta>; the page of `isonest view` names none.
+// A published site and its stores. Its page names the list, site.json, in a <meta>; the page of `isonest view` has
+// none.
 
-/** `isonest publish` writes it. */
+/** Written by `isonest publish`. */
 export interface SiteStore {
-  /** What a link calls it by. */
+  /** Its name in links. */
   readonly name: string;
   readonly url: string;
   readonly title: string;
@@ -11,7 +12,7 @@ export interface SiteStore {
   readonly bytes: number;
   readonly nodes: readonly number[];
   readonly type: string;
-  /** Of length; null where it is not known. */
+  /** Of length; null if unknown. */
   readonly unit: string | null;
 }
 
@@ -19,14 +20,14 @@ export interface Site {
   readonly title: string;
   readonly description: string;
   readonly license: string;
-  /** Bytes that the library in the page may hold. */
+  /** Memory budget in bytes of the library in the page. */
   readonly memory: number;
   readonly stores: readonly SiteStore[];
 }
 
 const kVersion = 1;
 
-/** Null on a page that has a server. Rejects with Error if the list cannot be read. */
+/** Null on a page with a server. Rejects with Error if the list cannot be read. */
 export async function readSite(): Promise<Site | null> {
   const list = document.querySelector<HTMLMetaElement>('meta[name="isonest-site"]')?.content;
   if (list === undefined) return null;
@@ -50,7 +51,7 @@ function checked(site: Site, list: string): Site {
   return site;
 }
 
-/** The store that the page's URL names by `?store=`, or the only one; null: none is named. Throws Error if there is none of that name. */
+/** The store in `?store=` of the page's URL, or the only one; null: none is named. Throws Error if it does not exist. */
 export function chosenStore(site: Site): SiteStore | null {
   const name = new URLSearchParams(location.search).get("store");
   if (name === null) return site.stores.length === 1 ? site.stores[0]! : null;
@@ -59,7 +60,7 @@ export function chosenStore(site: Site): SiteStore | null {
   return store;
 }
 
-/** Of the page with this store, and the view that it begins with. */
+/** The URL of the page with this store and its initial view. */
 export function pageOf(store: SiteStore): string {
   return `?${new URLSearchParams({ store: store.name })}`;
 }

@@ -1,24 +1,24 @@
-// How questions reach whoever answers them: a server, or a worker in the page. api.ts knows no more than this.
+// How requests reach what answers them: a server, or a worker in the page. api.ts only uses this interface.
 
 export interface Answer {
-  /** As of HTTP: PROTOCOL.md has those that come. */
+  /** An HTTP status; PROTOCOL.md lists those that occur. */
   readonly status: number;
   readonly body: ArrayBuffer;
 }
 
 export interface Transport {
-  /** Whether a server of isonest answers: only then are there files and command lines of its making. */
+  /** Whether there is a server of isonest, which also makes files and command lines. */
   readonly hasServer: boolean;
   /**
-   * `target`: what PROTOCOL.md has behind `api/`. `progress` is told the bytes received so far. Rejects with Unanswered if nobody
-   * answers, and with anything once `signal` is aborted; the work for the answer then ends.
+   * `target`: the part of PROTOCOL.md's requests after `api/`. `progress` gets the bytes received so far. Rejects with Unanswered
+   * if there is no answer, and with any error once `signal` is aborted; the work for the answer then ends.
    */
   ask(target: string, signal: AbortSignal, progress: (bytes: number) => void): Promise<Answer>;
 }
 
-/** Nobody answers; the message says what can be done. */
+/** There is no answer; the message says what can be done. */
 export class Unanswered extends Error {
-  /** `final`: asking once more gives nothing else; only loading the page anew may. */
+  /** `final`: another try will not help; reloading the page may. */
   constructor(
     message: string,
     readonly final: boolean,

@@ -1,4 +1,4 @@
-// The library in a worker of the page, which reads the store by itself: what answers on a published site.
+// Answers requests on a published site: the library in a worker of the page, which reads the store itself.
 import { type Answer, type Transport, Unanswered } from "./transport";
 
 /** From the worker. */
@@ -23,12 +23,12 @@ export class WorkerTransport implements Transport {
   private next = 1;
   private failure: Unanswered | null = null;
 
-  /** `url`: of the store; `memory`: bytes that the worker may hold. What goes wrong comes with the first answer. */
+  /** `url`: of the store; `memory`: the worker's memory budget in bytes. Errors are reported with the first answer. */
   constructor(url: string, memory: number) {
     this.worker.onmessage = (event: MessageEvent<Message>) => this.take(event.data);
     this.worker.onmessageerror = () => this.fail("The part of the page that reads the store sends what is no message.");
     this.worker.onerror = (event) => {
-      event.preventDefault(); // it is told on the page
+      event.preventDefault(); // shown on the page
       this.fail(event.message ? `The part of the page that reads the store has failed: ${event.message}` : `The part of the page that reads the store cannot be loaded: ${kScript}`);
     };
     this.worker.postMessage({ kind: "open", url, memory });
@@ -71,7 +71,7 @@ export class WorkerTransport implements Transport {
     }
   }
 
-  /** For good: a worker that failed once may hold anything. */
+  /** Permanently: after a failure, the worker's state is unknown. */
   private fail(message: string): void {
     this.failure ??= new Unanswered(message, true);
     this.worker.terminate();

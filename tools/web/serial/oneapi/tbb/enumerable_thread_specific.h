@@ -1,4 +1,4 @@
-// As oneTBB's header of this name, for one thread.
+// Single-threaded replacement for oneTBB's header of this name.
 #pragma once
 
 #include <functional>
@@ -8,7 +8,7 @@
 
 namespace tbb {
 
-/// The object is made when it is asked for.
+/// The object is created on first use.
 template <class T>
 class enumerable_thread_specific {
   public:

@@ -1,4 +1,4 @@
-// As oneTBB's header of this name, for one thread.
+// Single-threaded replacement for oneTBB's header of this name.
 #pragma once
 
 #include <cstddef>

@@ -1,4 +1,4 @@
-// As oneTBB's header of this name, for one thread.
+// Single-threaded replacement for oneTBB's header of this name.
 #pragma once
 
 #include <oneapi/tbb/blocked_range.h>
@@ -16,7 +16,7 @@ void parallel_for(Index begin, Index end, const Body& body) {
     }
 }
 
-/// The range is not split: `body` is called once, if there is anything in it.
+/// The range is not split: `body` is called once, unless the range is empty.
 template <class Range, class Body>
 void parallel_for(const Range& range, const Body& body) {
     if (range.begin() < range.end()) {
@@ -24,7 +24,7 @@ void parallel_for(const Range& range, const Body& body) {
     }
 }
 
-/// Also where the caller asked for ranges of its grain: what it does may not depend on them.
+/// Also does not split the range: results may not depend on the grain size.
 template <class Range, class Body>
 void parallel_for(const Range& range, const Body& body, const simple_partitioner& /*how*/) {
     parallel_for(range, body);

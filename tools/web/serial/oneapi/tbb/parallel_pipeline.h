@@ -1,5 +1,5 @@
-// As oneTBB's header of this name, for one thread: one item goes through all filters before the
-// next one begins.
+// Single-threaded replacement for oneTBB's header of this name: each item passes through all
+// filters before the next one starts.
 #pragma once
 
 #include <cstddef>
@@ -19,7 +19,7 @@ class flow_control {
     bool is_stopped_ = false;
 };
 
-/// A filter from In to Out, void at the ends.
+/// A filter from In to Out; void at the ends.
 template <class In, class Out, class Body>
 struct filter {
     Body body;

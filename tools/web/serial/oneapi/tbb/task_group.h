@@ -1,4 +1,4 @@
-// As oneTBB's header of this name, for one thread: a task runs when it is given.
+// Single-threaded replacement for oneTBB's header of this name: a task runs when it is submitted.
 #pragma once
 
 namespace tbb {
@@ -12,7 +12,7 @@ class task_group {
     void wait() {}
 };
 
-/// An exception has ended the group before anybody could ask.
+/// Always false: an exception ends the group before this could be called.
 inline bool is_current_task_group_canceling() {
     return false;
 }

@@ -1,1 +1,0 @@
-"""What valid_grids.py tries, a module for each library that writes the files."""

@@ -1,1 +1,0 @@
-"""The kinds of tries of limits.py."""

@@ -1,1 +1,0 @@
-"""The kinds of tries of valid_medical.py."""

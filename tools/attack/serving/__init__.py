@@ -1,1 +1,0 @@
-"""What the attacker of isonest view (tools/attack/server.py) is made of."""

@@ -1,0 +1,32 @@
+// The one table of all options: what the help says of them, and in which group.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <span>
+#include <vector>
+
+namespace isonest::detail::cli {
+
+/// The groups of the help, in their order.
+inline constexpr const char* kWhat = "What";
+inline constexpr const char* kHowClose = "How close";
+inline constexpr const char* kWhichParts = "Which parts";
+inline constexpr const char* kWritten = "What is written";
+inline constexpr const char* kPicture = "The picture";
+inline constexpr const char* kServer = "The server";
+/// The options of volumes: given_source_option() finds them by their group.
+inline constexpr const char* kReading = "How to read INPUT";
+inline constexpr const char* kNetwork = "INPUT at a URL";
+inline constexpr const char* kLimits = "Limits";
+inline constexpr const char* kGeneral = "General";
+
+std::span<const char* const> option_groups();
+
+/// Gives every option of the command its group, form and words. Throws std::logic_error for one
+/// that the table does not have.
+void describe_options(CLI::App& command);
+
+/// The options of the command in this group, in the order of the table.
+std::vector<const CLI::Option*> options_in(const CLI::App& command, const char* group);
+
+}  // namespace isonest::detail::cli
