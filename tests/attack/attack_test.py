@@ -1,7 +1,7 @@
-"""The attackers of tools/attack: each finds nothing wrong in a few seconds, and what they share notices what is wrong.
+"""Runs every attack program for a few seconds: each finds nothing wrong; and their shared code notices what is wrong.
 
 usage: attack_test.py ISONEST PLUGIN_FOLDER
-ISONEST_ATTACK_SECONDS=600: each kind of try of every attacker for so long.
+ISONEST_ATTACK_SECONDS=600: so long for each kind of try of every attack program.
 """
 import os
 import pathlib
@@ -15,9 +15,9 @@ sys.path.insert(0, str(pathlib.Path(__file__).parents[1]))
 from support.sanitized import is_sanitized  # noqa: E402
 
 ISONEST = pathlib.Path(sys.argv[1]).resolve()
-FOLDER = pathlib.Path(__file__).resolve().parents[2] / "tools" / "attack"
+FOLDER = pathlib.Path(__file__).resolve().parent
 SECONDS = os.environ.get("ISONEST_ATTACK_SECONDS")
-SHARED = {"attack.py"}
+SHARED = {"attack.py", "attack_test.py"}
 
 
 def run(program, *arguments):
@@ -27,7 +27,7 @@ def run(program, *arguments):
 
 
 class Attackers(unittest.TestCase):
-    # What the attackers allow of time and memory, and the Python package, are of ordinary builds.
+    # The limits of time and memory, and the Python package, are those of ordinary builds.
     @unittest.skipIf(is_sanitized(ISONEST), "built with a sanitizer")
     def test_each_finds_nothing_wrong(self):
         programs = [path for path in sorted(FOLDER.glob("*.py")) if path.name not in SHARED]

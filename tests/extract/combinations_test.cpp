@@ -1,4 +1,4 @@
-// What does not go together: the manual shows the table that the code refuses by.
+// Options that cannot be combined: the manual lists exactly the pairs that the code refuses.
 #include "query/extract/combinations.h"
 
 #include <fmt/format.h>
@@ -13,52 +13,59 @@
 namespace isonest::detail {
 namespace {
 
-/// A line for each run of rows with one reason.
-std::string table() {
-    std::string text = "| this | goes not with | because |\n|---|---|---|\n";
-    const auto rows = refused_combinations();
-    for (std::size_t i = 0; i < rows.size();) {
-        std::string with;
-        std::size_t j = i;
-        for (; j < rows.size() && rows[j].wish == rows[i].wish &&
-               std::string(rows[j].reason) == rows[i].reason;
-             ++j) {
-            with += fmt::format("{}{}", with.empty() ? "" : "; ", name_of(rows[j].with));
+/// The first two cells of a row of the manual's table; the rest is prose.
+std::string pairs_of(const Combination& row) {
+    std::string with;
+    for (std::size_t i = 0; i < row.with.size(); ++i) {
+        if (row.with[i]) {
+            with += fmt::format("{}{}", with.empty() ? "" : "; ", name_of(static_cast<Feature>(i)));
         }
-        text += fmt::format("| {} | {} | {} |\n", name_of(rows[i].wish), with, rows[i].reason);
-        i = j;
     }
-    return text;
+    return fmt::format("\n| {} | {} | ", name_of(row.feature), with);
 }
 
-Wishes both(Wish a, Wish b) {
-    Wishes wishes;
-    wishes.set(static_cast<std::size_t>(a));
-    wishes.set(static_cast<std::size_t>(b));
-    return wishes;
+Features both(Feature a, Feature b) {
+    Features features;
+    features.set(static_cast<std::size_t>(a));
+    features.set(static_cast<std::size_t>(b));
+    return features;
 }
 
 }  // namespace
 
-TEST_CASE("the manual shows what does not go together as the code refuses it") {
+TEST_CASE("the manual lists exactly the pairs that the code refuses") {
     const auto root = std::filesystem::path(ISONEST_FUZZ_CORPUS) / ".." / ".." / "..";
     std::ifstream file(root / "tools" / "MANUAL.md");
     std::stringstream manual;
     manual << file.rdbuf();
-    INFO("the table of the code:\n" << table());
-    CHECK(manual.str().find("\n\n" + table() + "\n") != std::string::npos);
+    const std::string text = manual.str();
+    const std::size_t begin = text.find("\n### What cannot be combined\n");
+    REQUIRE(begin != std::string::npos);
+    const std::string section = text.substr(begin, text.find("\n## ", begin) - begin);
+    for (const Combination& row : refused_combinations()) {
+        INFO(pairs_of(row));
+        CHECK(section.find(pairs_of(row)) != std::string::npos);
+    }
+    std::size_t rows = 0;
+    for (std::size_t at = section.find("\n| "); at != std::string::npos;
+         at = section.find("\n| ", at + 1)) {
+        ++rows;
+    }
+    CHECK(rows == refused_combinations().size() + 1);  // plus the head of the table
 }
 
-TEST_CASE("each row of the table refuses, with its reason, and no pair without a row is refused") {
-    for (std::size_t a = 0; a < Wishes{}.size(); ++a) {
-        for (std::size_t b = a + 1; b < Wishes{}.size(); ++b) {
-            const auto first = static_cast<Wish>(a);
-            const auto second = static_cast<Wish>(b);
+TEST_CASE(
+    "each row of the table refuses its pair with its reason, and pairs without a row are "
+    "accepted") {
+    for (std::size_t a = 0; a < Features{}.size(); ++a) {
+        for (std::size_t b = a + 1; b < Features{}.size(); ++b) {
+            const auto first = static_cast<Feature>(a);
+            const auto second = static_cast<Feature>(b);
             const Combination* found = nullptr;
             for (const Combination& row : refused_combinations()) {
-                if ((row.wish == first && row.with == second) ||
-                    (row.wish == second && row.with == first)) {
-                    CHECK(found == nullptr);  // one row for each pair
+                if ((row.feature == first && row.with[b]) ||
+                    (row.feature == second && row.with[a])) {
+                    CHECK(found == nullptr);  // at most one row for each pair
                     found = &row;
                 }
             }
@@ -70,63 +77,97 @@ TEST_CASE("each row of the table refuses, with its reason, and no pair without a
                 CHECK(e.kind() == ErrorKind::invalid_argument);
                 problem = e.problem();
             }
-            CHECK(problem == (found != nullptr ? found->reason : ""));
+            CHECK(problem.ends_with(found != nullptr ? found->reason : ""));
+            CHECK(problem.empty() == (found == nullptr));
+            if (found != nullptr) {
+                CHECK(problem.find(name_of(first)) != std::string::npos);
+                CHECK(problem.find(name_of(second)) != std::string::npos);
+            }
         }
     }
 }
 
-TEST_CASE("a query wishes what its members say") {
-    const auto wishes = [](const SurfaceQuery& query, Wish wish) {
-        return wishes_of(query).test(static_cast<std::size_t>(wish));
+TEST_CASE("a query has the features that its members ask for") {
+    const auto features = [](const SurfaceQuery& query, Feature feature) {
+        return features_of(query).test(static_cast<std::size_t>(feature));
     };
     SurfaceQuery query;
-    CHECK(wishes_of(query).count() == 2);
-    CHECK(wishes(query, Wish::no_distance));
-    CHECK(wishes(query, Wish::open));
+    CHECK(features_of(query).count() == 3);
+    CHECK(features(query, Feature::hexahedra));
+    CHECK(features(query, Feature::no_distance));
+    CHECK(features(query, Feature::open));
     query.stop = FieldThreshold{};
-    CHECK(wishes(query, Wish::threshold));
-    CHECK(wishes(query, Wish::error));
-    query.stop = ErrorBudget{5, Guarantee::estimate};
-    CHECK(wishes(query, Wish::estimate));
-    CHECK(wishes(query, Wish::error));
-    query.stop = SimplifiedErrorBound{{0.1, false, Guarantee::estimate}};
-    CHECK(wishes(query, Wish::simplified_error));
-    CHECK(wishes(query, Wish::error));
-    CHECK(wishes(query, Wish::estimate));
-    query.stop = TriangleBudget{5};
-    CHECK(wishes(query, Wish::triangles));
-    CHECK(wishes(query, Wish::distance));
-    CHECK_FALSE(wishes(query, Wish::no_distance));
-    CHECK_FALSE(wishes(query, Wish::fast));
-    for (const SurfaceStop& stop : {SurfaceStop(TriangleBudget{5, {}, Effort::fast}),
-                                    SurfaceStop(DistanceBound{5, false, Effort::fast})}) {
+    CHECK(features(query, Feature::threshold));
+    CHECK(features(query, Feature::error));
+    query.stop = TriangleBudgetByError{5, ErrorIndicator::estimate};
+    CHECK(features(query, Feature::estimate));
+    CHECK(features(query, Feature::error));
+    CHECK_FALSE(features(query, Feature::simplified_error));
+    query.stop = TriangleBudgetByError{5};
+    CHECK(features(query, Feature::simplified_error));
+    query.effort = Effort::none;
+    CHECK_FALSE(features(query, Feature::simplified_error));
+    query.effort = Effort::best;
+    query.stop = ErrorBound{0.1, false, ErrorIndicator::estimate};
+    CHECK(features(query, Feature::simplified_error));
+    CHECK(features(query, Feature::error));
+    CHECK(features(query, Feature::estimate));
+    query.effort.reset();
+    CHECK_FALSE(features(query, Feature::simplified_error));
+    query.stop = ErrorBound{0.1};
+    CHECK(features(query, Feature::simplified_error));
+    query.camera.emplace();
+    CHECK_FALSE(features(query, Feature::simplified_error));
+    query.camera.reset();
+    query.stop = DistanceBound{1};
+    CHECK(features(query, Feature::distance));
+    query.effort = Effort::none;
+    CHECK(features(query, Feature::nested_distance));
+    CHECK_FALSE(features(query, Feature::distance));
+    query.effort.reset();
+    query.stop = TriangleBudgetByDistance{5};
+    CHECK(features(query, Feature::triangles));
+    CHECK(features(query, Feature::distance));
+    CHECK_FALSE(features(query, Feature::no_distance));
+    CHECK_FALSE(features(query, Feature::fast));
+    query.effort = Effort::fast;
+    for (const SurfaceStop& stop :
+         {SurfaceStop(TriangleBudgetByDistance{5}), SurfaceStop(DistanceBound{5})}) {
         query.stop = stop;
-        CHECK(wishes(query, Wish::fast));
-        CHECK(wishes(query, Wish::distance));
+        CHECK(features(query, Feature::fast));
+        CHECK(features(query, Feature::distance));
     }
-    query.stages.components = ComponentChoice{.least_volume = 1};
-    CHECK(wishes(query, Wish::components));
-    CHECK(wishes(query, Wish::least_volume));
+    query.stages.components = ComponentChoice{.min_volume = 1};
+    CHECK(features(query, Feature::components));
+    CHECK(features(query, Feature::min_volume));
     query.grid = {Cells::hexahedra, VertexPlace::exact, {}, BackfaceCulling{}};
     query.camera.emplace();
     query.stages.close = Outside::above;
     query.analysis.emplace();
     query.volume_interval = true;
-    CHECK_FALSE(wishes(query, Wish::open));
-    CHECK_FALSE(wishes(query, Wish::coarse_hexahedra));
-    for (const Wish wish : {Wish::hexahedra, Wish::exact_vertices, Wish::culling, Wish::place,
-                            Wish::closing, Wish::analysis, Wish::volume_interval}) {
-        CHECK(wishes(query, wish));
+    CHECK_FALSE(features(query, Feature::open));
+    CHECK_FALSE(features(query, Feature::coarse_hexahedra));
+    for (const Feature feature :
+         {Feature::hexahedra, Feature::exact_vertices, Feature::culling, Feature::place,
+          Feature::closing, Feature::analysis, Feature::volume_interval}) {
+        CHECK(features(query, feature));
     }
     query.stop = ErrorBound{0.1};
-    CHECK(wishes(query, Wish::coarse_hexahedra));
+    query.effort = Effort::none;
+    CHECK(features(query, Feature::coarse_hexahedra));
     query.stop = ErrorBound{};
-    CHECK_FALSE(wishes(query, Wish::coarse_hexahedra));
+    CHECK_FALSE(features(query, Feature::coarse_hexahedra));
+    query.stop = ErrorBound{0.1};
+    query.effort = Effort::best;
+    CHECK_FALSE(features(query, Feature::coarse_hexahedra));
 }
 
-TEST_CASE("a label's surface is asked for as another, without what labels have not") {
+TEST_CASE(
+    "a label's surface accepts the same features as others, except those that labels do not "
+    "support") {
     SurfaceQuery query;
-    query.stop = DistanceBound{2, true, Effort::fast};
+    query.stop = DistanceBound{2, true};
+    query.effort = Effort::fast;
     query.box = WorldBox{{0, 0, 0}, {1, 1, 1}};
     query.stages.close = Outside::below;
     query.attributes.normals = true;
@@ -135,7 +176,7 @@ TEST_CASE("a label's surface is asked for as another, without what labels have n
     CHECK(label.cells == Cells::hexahedra);
     CHECK(label.label.id == 3);
     CHECK(std::get<DistanceBound>(label.stop.value()).voxels);
-    CHECK(std::get<DistanceBound>(label.stop.value()).effort == Effort::fast);
+    CHECK(label.effort == Effort::fast);
     CHECK(label.box);
     CHECK(label.stages.close);
     CHECK(label.attributes.normals);

@@ -1,5 +1,5 @@
-// Vertices of coarse surfaces on the surface at full resolution: among its vertices, without
-// cracks, and within twice the tolerance.
+// Exact vertices: vertices of coarse surfaces are vertices of the surface at full resolution. The
+// meshes have no cracks and are within twice the tolerance.
 #include <catch2/catch.hpp>
 #include <set>
 
@@ -64,7 +64,7 @@ void require_whole(const FunctionVolume<T>& volume, const Mesh& mesh) {
     CHECK(faults.open_edges_inside == 0);
 }
 
-/// Where coarse elements reach beyond the volume their triangles are cut at its faces.
+/// Where coarse elements reach beyond the volume, their triangles are clipped at its faces.
 template <class T, class Point>
 bool is_on_face(const FunctionVolume<T>& volume, const Point& p) {
     for (int axis = 0; axis < 3; ++axis) {
@@ -100,7 +100,7 @@ double largest_offset(const FunctionVolume<T>& volume, const Mesh& mesh, double 
 
 }  // namespace
 
-TEST_CASE("exact vertices are vertices of the full surface, and the mesh is whole") {
+TEST_CASE("exact vertices are vertices of the full surface, and the mesh has no cracks") {
     for (const Int3& n :
          {Int3{33, 33, 33}, Int3{20, 31, 17}, Int3{2, 2, 2}, Int3{3, 40, 5}, Int3{41, 6, 13}}) {
         for (const auto function : {smooth_f, rough}) {
@@ -125,7 +125,7 @@ TEST_CASE("exact vertices are vertices of the full surface, and the mesh is whol
     }
 }
 
-TEST_CASE("exact vertices within a box: no crack where it cuts") {
+TEST_CASE("exact vertices in a box leave no crack where the box clips the surface") {
     FunctionVolume<float> volume({30, 28, 26}, rough);
     const WorldBox box{{3.3, 4.1, 2.7}, {21.2, 19.9, 22.5}};
     for (const double error : {0.05, 0.4}) {
@@ -138,7 +138,7 @@ TEST_CASE("exact vertices within a box: no crack where it cuts") {
     }
 }
 
-TEST_CASE("exact vertices where nodes have the isovalue, and beside missing values") {
+TEST_CASE("exact vertices with nodes at the isovalue, and beside missing values") {
     FunctionVolume<std::uint8_t> levels(
         {17, 12, 20}, [](const Int3& p) { return static_cast<std::uint8_t>(5 * noise(p)); });
     FunctionVolume<float> holes({21, 20, 19}, [](const Int3& p) {
@@ -153,7 +153,7 @@ TEST_CASE("exact vertices where nodes have the isovalue, and beside missing valu
     }
 }
 
-TEST_CASE("exact vertices are the same bytes for any threads, chunk and memory") {
+TEST_CASE("exact vertices give the same bytes for any threads, chunk and memory") {
     FunctionVolume<float> volume({70, 40, 45}, rough);
     const std::string bytes = surface(volume, 0.1, 0.3, VertexPlace::exact).bytes;
     for (const How& how : {How{64, 1}, How{16, 4}, How{16, 4, 20U << 20U}}) {
@@ -162,7 +162,8 @@ TEST_CASE("exact vertices are the same bytes for any threads, chunk and memory")
 }
 
 TEST_CASE(
-    "the distance from a sphere falls with the square of the elements, as its curvature says") {
+    "the distance from a sphere decreases with the square of the element size, as its curvature "
+    "predicts") {
     FunctionVolume<float> volume({129, 129, 129}, [](const Int3& p) {
         return static_cast<float>(std::hypot(static_cast<double>(p.x) - 64,
                                              static_cast<double>(p.y) - 64,
@@ -182,7 +183,7 @@ TEST_CASE(
     CHECK(furthest(VertexPlace::linear, 2) > 0.2);
 }
 
-TEST_CASE("isolines have exact ends, too") {
+TEST_CASE("isolines support exact vertices, too") {
     FunctionVolume<float> volume({90, 70, 1}, rough);
     const TemporaryFolder folder;
     make_store(volume, folder / "s");
@@ -205,7 +206,7 @@ TEST_CASE("isolines have exact ends, too") {
     }
 }
 
-TEST_CASE("exact vertices are refused where they mean nothing") {
+TEST_CASE("exact vertices are refused where they are not defined") {
     FunctionVolume<float> volume({9, 9, 9}, smooth_f);
     const TemporaryFolder folder;
     make_store(volume, folder / "s");
@@ -218,6 +219,6 @@ TEST_CASE("exact vertices are refused where they mean nothing") {
     query.stages.close.reset();
     query.stop = DistanceBound{1};
     CHECK_THROWS_AS(isonest::extract(store, query, mesh), Error);
-    query.stop = TriangleBudget{100};
+    query.stop = TriangleBudgetByDistance{100};
     CHECK_THROWS_AS(isonest::extract(store, query, mesh), Error);
 }

@@ -1,4 +1,4 @@
-// Several extractions from one store at once: each gives what it gives alone, figures included.
+// Concurrent extractions from one store: each gives the same mesh and report as alone.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <thread>
@@ -18,7 +18,7 @@ struct Extracted {
     std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
-/// Little memory: the cache drops chunks, and some are read again.
+/// With little memory the cache drops chunks, and some are read again.
 Extracted extracted(const Store& store, const SurfaceQuery& query) {
     MeshCollector mesh;
     ExtractOptions options;
@@ -44,7 +44,7 @@ void require_same(const Extracted& a, const Extracted& b) {
 
 }  // namespace
 
-TEST_CASE("two extractions from one store at once report what each reports alone") {
+TEST_CASE("two concurrent extractions from one store report the same as each alone") {
     FunctionVolume<float> volume({129, 97, 65},
                                  [](const Int3& p) { return static_cast<float>(smooth(p)); });
     const TemporaryFolder folder;
@@ -54,7 +54,8 @@ TEST_CASE("two extractions from one store at once report what each reports alone
     fine.iso = 0.2;
     SurfaceQuery coarse;
     coarse.iso = 2.5;
-    coarse.stop = ErrorBound{0.3, false, Guarantee::deviation};
+    coarse.stop = ErrorBound{0.3, false, ErrorIndicator::deviation};
+    coarse.effort = Effort::none;
     coarse.attributes.normals = true;
     const Extracted fine_alone = extracted(store, fine);
     const Extracted coarse_alone = extracted(store, coarse);

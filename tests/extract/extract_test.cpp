@@ -1,10 +1,11 @@
-// Surfaces: whole, welded, oriented, within the tolerance, and the same whatever made them.
+// Surfaces are complete, welded, oriented and within the tolerance, and do not depend on threads,
+// chunks or memory.
 #include <catch2/catch.hpp>
 #include <functional>
 
 #include <isonest/error.h>
 
-#include "store/base/memory_budget.h"
+#include "store/base/memory.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -41,7 +42,7 @@ Result surface(FunctionVolume<T>& volume, double iso, double error, int chunk = 
     CHECK(r.mesh.vertices.size() == r.report.vertices);
     CHECK(r.mesh.triangles.size() == r.report.triangles);
     CHECK(r.report.error_bound <= error);
-    CHECK(folder.names().size() == 2);  // nothing left behind
+    CHECK(folder.names().size() == 2);  // no other file is left
     return r;
 }
 
@@ -58,7 +59,8 @@ void require_whole(FunctionVolume<T>& volume, const Result& r) {
     CHECK(faults.flat_triangles == r.report.mending.zero_area);
 }
 
-/// |U - iso| at the vertices and inside every triangle, and normals toward the smaller values.
+/// Checks |U - iso| at the vertices and inside every triangle, and that normals point toward the
+/// smaller values.
 template <class T>
 double residual(const FunctionVolume<T>& volume, const Mesh& mesh, double iso) {
     double worst = 0;
@@ -95,7 +97,7 @@ std::uint8_t few_levels(const Int3& p) {
 
 }  // namespace
 
-TEST_CASE("a sphere comes out as one closed surface with its area") {
+TEST_CASE("a sphere gives one closed surface with the right area") {
     FunctionVolume<float> volume({33, 33, 33}, [](const Int3& p) {
         return static_cast<float>(distance(p, {16.0, 16.0, 16.0}));
     });
@@ -103,7 +105,7 @@ TEST_CASE("a sphere comes out as one closed surface with its area") {
     require_whole(volume, r);
     const auto v = static_cast<std::int64_t>(r.mesh.vertices.size());
     const auto t = static_cast<std::int64_t>(r.mesh.triangles.size());
-    CHECK(v - t / 2 == 2);  // Euler's number of a sphere
+    CHECK(v - t / 2 == 2);  // Euler characteristic of a sphere
     double area = 0;
     double outward = 0;
     for (const auto& tri : r.mesh.triangles) {
@@ -125,11 +127,11 @@ TEST_CASE("a sphere comes out as one closed surface with its area") {
         outward += (n[0] * p[0][0] + n[1] * p[0][1] + n[2] * p[0][2]) / 6;
     }
     CHECK(area == Approx(4 * M_PI * 100).epsilon(0.02));
-    // Values grow outward, so normals toward smaller values point inward: the volume is negative.
+    // Values grow outward and normals point toward smaller values, inward: the volume is negative.
     CHECK(outward == Approx(-4.0 / 3 * M_PI * 1000).epsilon(0.03));
 }
 
-TEST_CASE("surfaces are whole and within the tolerance on every size") {
+TEST_CASE("surfaces have no cracks and are within the tolerance for every size") {
     for (const Int3& n :
          {Int3{33, 33, 33}, Int3{20, 31, 17}, Int3{2, 2, 2}, Int3{3, 40, 5}, Int3{41, 6, 13}}) {
         FunctionVolume<float> volume(n, smooth_f);
@@ -144,7 +146,7 @@ TEST_CASE("surfaces are whole and within the tolerance on every size") {
     }
 }
 
-TEST_CASE("an isovalue that nodes have exactly gives a manifold without flat triangles") {
+TEST_CASE("an isovalue equal to node values gives a manifold without degenerate triangles") {
     for (const Int3& n : {Int3{17, 17, 17}, Int3{12, 9, 20}}) {
         FunctionVolume<std::uint8_t> volume(n, few_levels);
         for (const double iso : {1.0, 2.0, 3.0, 4.0}) {
@@ -161,7 +163,7 @@ TEST_CASE("an isovalue that nodes have exactly gives a manifold without flat tri
     }
 }
 
-TEST_CASE("a plateau exactly at the isovalue keeps its two sides apart") {
+TEST_CASE("the two sides of a plateau at the isovalue stay separate") {
     FunctionVolume<float> volume({9, 9, 9}, [](const Int3& p) {
         return p.z == 4 && p.x > 1 && p.x < 7 && p.y > 1 && p.y < 7 ? 1.0F : 0.0F;
     });
@@ -186,9 +188,8 @@ TEST_CASE("the mesh has the same bytes for any threads, chunk and memory") {
     }
 }
 
-TEST_CASE(
-    "at the least memory that is accepted the cache stays within it, and the mesh is the same") {
-    // More bytes of values than the memory leaves beside the libraries.
+TEST_CASE("with the minimum memory the cache stays within it, and the mesh is the same") {
+    // More bytes of values than remain of the memory after the libraries.
     FunctionVolume<float> volume({129, 129, 129}, smooth_f);
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(16));
@@ -231,7 +232,7 @@ TEST_CASE("the store has the same bytes for any threads and memory") {
     CHECK(report.nodes == volume.nodes());
 }
 
-TEST_CASE("a box cuts the surface at its faces, and only there") {
+TEST_CASE("a box clips the surface at its faces and nowhere else") {
     FunctionVolume<float> volume({33, 29, 31}, smooth_f);
     const WorldBox box{{3.5, 4, 6.25}, {20.75, 21, 27}};
     for (const double error : {0.0, 0.1}) {
@@ -251,8 +252,8 @@ TEST_CASE("a box cuts the surface at its faces, and only there") {
     }
 }
 
-TEST_CASE("the error bound in a box leaves out what lies outside of it") {
-    // Linear but for waves at one end, which no large element within the tolerance reaches.
+TEST_CASE("the error bound in a box ignores what is outside the box") {
+    // Linear except for waves at one end, which no large element within the tolerance reaches.
     FunctionVolume<float> volume({33, 33, 33}, [](Int3 n) {
         const double waves = n.x > 20 ? 2 * std::sin(2.0 * static_cast<double>(n.y)) : 0;
         return static_cast<float>(static_cast<double>(n.z) - 16.25 + waves);
@@ -266,7 +267,7 @@ TEST_CASE("the error bound in a box leaves out what lies outside of it") {
 }
 
 TEST_CASE(
-    "a surface in a face of the volume or the box is all there, where other faces cut cells") {
+    "a surface in a face of the volume or the box is complete, even if other faces clip cells") {
     const auto area = [](const Mesh& mesh) {
         double sum = 0;
         for (const auto& t : mesh.triangles) {
@@ -292,14 +293,14 @@ TEST_CASE(
             const Result r = surface(volume, 1, 0.1);
             CHECK(area(r.mesh) == Approx(expected.at(static_cast<std::size_t>(axis))));
             CHECK(check_mesh(r.mesh, {0, 0, 0}, {7, 6, 5}).split_vertices == 0);
-            // It faces the face, which it is in as its coordinates are rounded.
+            // It faces the boundary face, in which it lies after its coordinates are rounded.
             FunctionVolume<float> inverse(n,
                                           [&](const Int3& p) { return p[axis] == at ? 0 : 1e18F; });
             CHECK(area(surface(inverse, 1, 0.1).mesh) ==
                   Approx(expected.at(static_cast<std::size_t>(axis))));
         }
     }
-    // The sheet z = 3 faces the cells above it.
+    // The sheet z = 3 belongs to the cells above it.
     FunctionVolume<std::uint8_t> step(
         n, [](const Int3& p) { return static_cast<std::uint8_t>(p.z <= 3 ? 1 : 0); });
     CHECK(area(surface(step, 1, 0, 8, WorldBox{{0.5, 1, 3}, {4.25, 4, 5}}).mesh) == Approx(11.25));
@@ -321,7 +322,7 @@ TEST_CASE("flat, constant, missing and outside: an empty mesh, no failure") {
     CHECK(surface(normal, 1e9, 0).mesh.triangles.empty());
 }
 
-TEST_CASE("no surface next to a missing value, and whole everywhere else") {
+TEST_CASE("no surface next to a missing value, and no cracks elsewhere") {
     FunctionVolume<float> volume({17, 17, 17}, [](const Int3& p) {
         return p == Int3{8, 8, 8} ? std::numeric_limits<float>::quiet_NaN()
                                   : static_cast<float>(p.z) - 8.25F;
@@ -339,7 +340,7 @@ TEST_CASE("no surface next to a missing value, and whole everywhere else") {
     }
 }
 
-TEST_CASE("extreme integers cross at the right place") {
+TEST_CASE("extreme integers cross the isovalue at the right position") {
     FunctionVolume<std::int32_t> volume({5, 5, 5}, [](const Int3& p) {
         return p.x < 2 ? std::numeric_limits<std::int32_t>::min()
                        : std::numeric_limits<std::int32_t>::max();
@@ -369,7 +370,7 @@ TEST_CASE("a coarse surface reads few chunks") {
     CHECK(coarse.mesh.triangles.size() * 10 < full.mesh.triangles.size());
 }
 
-TEST_CASE("requests that make no sense are refused by name") {
+TEST_CASE("invalid requests are refused with the right kind of error") {
     FunctionVolume<float> volume({9, 9, 9}, smooth_f);
     const TemporaryFolder folder;
     PreprocessOptions p = with_chunk(8);
@@ -385,8 +386,8 @@ TEST_CASE("requests that make no sense are refused by name") {
         return 0;
     };
     Extraction options;
-    CHECK(kind_of(options) == static_cast<int>(ErrorKind::not_found));  // no deviation stored
-    options.guarantee = Guarantee::plus;
+    CHECK(kind_of(options) == static_cast<int>(ErrorKind::not_found));  // no deviation is stored
+    options.indicator = ErrorIndicator::plus;
     CHECK(kind_of(options) == 0);
     options.error = -1;
     CHECK(kind_of(options) == static_cast<int>(ErrorKind::invalid_argument));
@@ -400,7 +401,8 @@ TEST_CASE("requests that make no sense are refused by name") {
     CHECK(kind_of(options) == static_cast<int>(ErrorKind::limit));
 }
 
-TEST_CASE("coordinates and values beyond 32-bit floats are refused, not written as infinite") {
+TEST_CASE(
+    "coordinates and values beyond the range of float32 are refused, not written as infinite") {
     const TemporaryFolder folder;
     const auto refused = [&](const Double3& spacing, double value,
                              const std::function<void(Extraction&)>& change) {
@@ -411,7 +413,7 @@ TEST_CASE("coordinates and values beyond 32-bit floats are refused, not written 
         const StoreReader store(folder / "s");
         Extraction options;
         change(options);
-        // The one format that has no place for float64.
+        // GLB is the only format that cannot hold float64.
         for (const char* const mesh : {"m.glb", "m.ply"}) {
             try {
                 extract(store, folder / mesh, options, silent_progress());

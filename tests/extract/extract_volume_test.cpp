@@ -1,5 +1,5 @@
-// A volume without a store into a sink: the mesh of march_hexahedra(), however it is cut into
-// parts, and what stages make of it.
+// A volume is extracted without a store: the mesh is that of march_hexahedra(), however it is
+// divided into parts; and the stages on it.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -16,11 +16,10 @@
 #include <isonest/mesh_file.h>
 #include <isonest/preprocess.h>
 
-#include "query/mesh/emit_mesh.h"
 #include "query/mesh/part_store.h"
 #include "query/mesh/weld.h"
+#include "query/slabs/join_slabs.h"
 #include "query/slabs/march_slab.h"
-#include "query/slabs/slab_part.h"
 #include "tests/support/test_support.h"
 #include "tests/support/whole_mesh.h"
 
@@ -34,8 +33,8 @@ bool same_mesh(const MeshCollector& a, const MeshCollector& b) {
     return a.vertices == b.vertices && a.triangles == b.triangles && a.normals == b.normals;
 }
 
-/// Parts have gradients for normals. Where the gradient is 0 the whole mesh has the normal of the
-/// triangles around instead.
+/// Parts use gradients as normals. Where the gradient is 0, the whole mesh uses the normal of the
+/// surrounding triangles instead.
 bool same_gradients(const MeshCollector& parts, const MeshCollector& whole) {
     bool is_same = parts.normals.size() == whole.normals.size();
     for (std::size_t v = 0; is_same && v < parts.normals.size(); ++v) {
@@ -45,7 +44,8 @@ bool same_gradients(const MeshCollector& parts, const MeshCollector& whole) {
     return is_same;
 }
 
-/// By one marcher, in slabs of so many layers and parts of such a weight, and then welded.
+/// Marched by one marcher, in slabs of `layers` layers and parts of a maximum weight, and then
+/// welded.
 void march_in_parts(MeshCollector& mesh, VolumeSource& volume, double iso, std::int64_t layers,
                     std::size_t most) {
     const VolumeDescription d = volume.describe();
@@ -67,7 +67,7 @@ void march_in_parts(MeshCollector& mesh, VolumeSource& volume, double iso, std::
     const Weld weld(parts, folder.path());
     const MeshLayout layout = layout_of(attributes, 3, {}, {});
     emit_mesh(parts, weld, layout, mesh, silent_progress());
-    // The same, while the parts are given back.
+    // The same, while the parts are released.
     ScratchMesh moved(folder.path());
     move_mesh(parts, weld, layout, moved, silent_progress());
     MeshCollector again;
@@ -119,7 +119,7 @@ void check_volume(const Int3& nodes, double iso, const std::function<T(const Int
                 CAPTURE(most, layers);
                 MeshCollector parts;
                 march_in_parts(parts, volume, iso, layers, most);
-                // Parts alone are not kept apart.
+                // Marching alone does not move vertices apart.
                 CHECK(parts.triangles == whole.triangles);
                 if (marched.apart.moved == 0) {
                     CHECK(parts.vertices == whole.vertices);
@@ -145,7 +145,7 @@ float ball(const Int3& p) {
 
 }  // namespace
 
-TEST_CASE("However a volume is cut into slabs and parts, its mesh is one") {
+TEST_CASE("The mesh of a volume does not depend on how it is divided into slabs and parts") {
     for (const Int3& nodes : {Int3{2, 2, 2}, Int3{2, 9, 5}, Int3{40, 2, 3}, Int3{3, 2, 40},
                               Int3{65, 4, 6}, Int3{17, 19, 21}}) {
         check_volume<std::uint8_t>(nodes, 50.5, waves<std::uint8_t>);
@@ -155,7 +155,7 @@ TEST_CASE("However a volume is cut into slabs and parts, its mesh is one") {
     }
 }
 
-TEST_CASE("Missing values and constant volumes are the same in parts") {
+TEST_CASE("Missing values and constant volumes give the same mesh in parts") {
     const float nan = std::numeric_limits<float>::quiet_NaN();
     for (const Int3& nodes : {Int3{2, 2, 2}, Int3{17, 19, 21}}) {
         check_volume<float>(
@@ -194,7 +194,7 @@ TEST_CASE("The mesh of a volume has the same bytes for any threads and memory") 
     }
 }
 
-TEST_CASE("What is marched is simplified and sorted out as what a store gives") {
+TEST_CASE("A mesh marched without a store is simplified and filtered like one from a store") {
     FunctionVolume<float> volume({44, 45, 46}, [](const Int3& p) {
         return std::max(ball(p), 2 - std::hypot(p.x - 3.0F, p.y - 40.0F, p.z - 3.0F));
     });
@@ -208,7 +208,8 @@ TEST_CASE("What is marched is simplified and sorted out as what a store gives") 
     CHECK(whole.components->dropped == 1);
     CHECK(whole.measures->volume.has_value());
     for (const Effort effort : {Effort::best, Effort::fast}) {
-        query.stop = DistanceBound{0.5, true, effort};
+        query.stop = DistanceBound{0.5, true};
+        query.effort = effort;
         MeshCollector mesh;
         const ExtractReport report = extract_volume(volume, query, mesh, 1);
         REQUIRE(report.distance);
@@ -223,13 +224,14 @@ TEST_CASE("What is marched is simplified and sorted out as what a store gives") 
             extract_volume(volume, query, other, threads, std::uint64_t{1} << 27U);
             CHECK(same_mesh(mesh, other));
         }
-        query.stop = TriangleBudget{200, {}, effort};
+        query.stop = TriangleBudgetByDistance{200};
+        query.effort = effort;
         MeshCollector few;
         CHECK(extract_volume(volume, query, few).triangles <= 200);
     }
 }
 
-TEST_CASE("A simplified surface takes little temporary space, and the report says how much") {
+TEST_CASE("A simplified surface needs little temporary space, and the report says how much") {
     const double w = 2 * std::numbers::pi / 40;
     FunctionVolume<float> volume({113, 120, 131}, [&](const Int3& p) {
         const double x = w * static_cast<double>(p.x) + 0.3;
@@ -238,22 +240,23 @@ TEST_CASE("A simplified surface takes little temporary space, and the report say
         return static_cast<float>(std::sin(x) * std::cos(y) + std::sin(y) * std::cos(z) +
                                   std::sin(z) * std::cos(x));
     });
-    constexpr std::uint64_t kMemory = std::uint64_t{60} << 20U;  // the parts do not fit into it
+    constexpr std::uint64_t kMemory = std::uint64_t{60} << 20U;  // too little for the parts
     const auto [effort, limit, most] = GENERATE(table<Effort, double, std::uint64_t>(
         {{Effort::fast, 0.5, 30}, {Effort::fast, 0.01, 90}, {Effort::best, 0.5, 60}}));
     SurfaceQuery query;
-    query.stop = DistanceBound{limit, true, effort};
+    query.stop = DistanceBound{limit, true};
+    query.effort = effort;
     MeshCollector mesh;
     const ExtractReport report = extract_volume(volume, query, mesh, 2, kMemory);
     const std::uint64_t full = report.distance->full_triangles;
     CAPTURE(full, report.triangles, report.scratch_bytes);
     CHECK(full > 200000);
-    // Corners and vertices of the full surface lie there in any case.
+    // Corners and vertices of the full surface are stored there in any case.
     CHECK(report.scratch_bytes > 18 * full);
     CHECK(report.scratch_bytes < most * full);
 }
 
-TEST_CASE("A volume that is turned is marched in its own axes") {
+TEST_CASE("A rotated volume is marched in its own axes") {
     FunctionVolume<float> volume({44, 45, 46}, ball);
     MeshCollector straight;
     const ExtractReport along = extract_volume(volume, at(0.25), straight);
@@ -288,7 +291,48 @@ TEST_CASE("A volume that is turned is marched in its own axes") {
     CHECK(a == b);
 }
 
-TEST_CASE("What needs a store is refused, and told how to get one") {
+TEST_CASE("A volume whose directions are not a valid lattice is refused") {
+    class Directed : public FunctionVolume<float> {
+      public:
+        Directed(const Int3& nodes, const Directions& direction)
+            : FunctionVolume<float>(nodes, ball), direction_(direction) {}
+        [[nodiscard]] VolumeDescription describe() const override {
+            VolumeDescription d = FunctionVolume<float>::describe();
+            d.direction = direction_;
+            return d;
+        }
+
+      private:
+        Directions direction_;
+    };
+    constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+    const Directions left{Double3{1, 0, 0}, Double3{0, 1, 0}, Double3{0, 0, -1}};
+    const Directions longer{Double3{2, 0, 0}, Double3{0, 1, 0}, Double3{0, 0, 1}};
+    const Directions in_plane{Double3{1, 0, 0}, Double3{0, 1, 0}, Double3{0.6, 0.8, 0}};
+    const Directions missing{Double3{1, 0, 0}, Double3{0, kNone, 0}, Double3{0, 0, 1}};
+    const Directions tilted{Double3{1, 0, 0}, Double3{0, 1, 0}, Double3{0, 0.6, 0.8}};
+    const TemporaryFolder folder;
+    for (const Directions& direction : {left, longer, in_plane, missing}) {
+        Directed volume({9, 9, 9}, direction);
+        MeshCollector mesh;
+        REQUIRE_THROWS_WITH(extract_volume(volume, at(0.25), mesh), Catch::Contains("directions"));
+        REQUIRE_THROWS_WITH(preprocess(volume, folder / "s", with_chunk(16), silent_progress()),
+                            Catch::Contains("directions"));
+    }
+    Directed tilted_volume({9, 9, 9}, tilted);
+    MeshCollector mesh;
+    REQUIRE_NOTHROW(extract_volume(tilted_volume, at(0.25), mesh));
+    // The third axis of a single plane must be perpendicular to it.
+    Directed plane({9, 9, 1}, tilted);
+    REQUIRE_THROWS_WITH(preprocess(plane, folder / "s", with_chunk(16), silent_progress()),
+                        Catch::Contains("one node"));
+    // Right angles up to rounding do not count as shear.
+    Directions rounded{Double3{1, 0, 0}, Double3{0, 1, 0}, Double3{0, 1e-11, 1}};
+    Directed nearly({9, 9, 1}, rounded);
+    REQUIRE_NOTHROW(preprocess(nearly, folder / "s", with_chunk(16), silent_progress()));
+}
+
+TEST_CASE("Queries that need a store are refused, and the message says how to make one") {
     FunctionVolume<float> volume({9, 9, 9}, ball);
     const auto refused = [&](const std::function<void(SurfaceQuery&)>& ask) {
         SurfaceQuery query = at(0.25);
@@ -307,17 +351,20 @@ TEST_CASE("What needs a store is refused, and told how to get one") {
     };
     CHECK(refused([](auto& q) { q.stop = ErrorBound{0.1}; }));
     CHECK(refused([](auto& q) { q.stop = FieldThreshold{}; }));
-    CHECK(refused([](auto& q) { q.stop = SimplifiedErrorBound{{0.1}}; }));
-    CHECK(refused([](auto& q) { q.stop = ErrorBudget{100}; }));
-    CHECK(refused([](auto& q) { q.stop = NestedDistanceBound{{1}}; }));
+    CHECK(refused([](auto& q) { q.stop = ErrorBound{0.1}; }));
+    CHECK(refused([](auto& q) { q.stop = TriangleBudgetByError{100}; }));
+    CHECK(refused([](auto& q) {
+        q.stop = DistanceBound{1};
+        q.effort = Effort::none;
+    }));
     CHECK(refused([](auto& q) { q.focus.emplace(); }));
     CHECK(refused([](auto& q) { q.camera.emplace(); }));
-    CHECK(refused([](auto& q) { q.box = WorldBox{{0, 0, 0}, {1, 1, 1}}; }));
-    CHECK(refused([](auto& q) { q.grid.cells = Cells::tetrahedra; }));
+    CHECK_FALSE(refused([](auto& q) { q.box = WorldBox{{0, 0, 0}, {1, 1, 1}}; }));
+    CHECK_FALSE(refused([](auto& q) { q.grid.cells = Cells::tetrahedra; }));
     CHECK(refused([](auto& q) { q.grid.bound = Field::deviation_bar; }));
     CHECK(refused([](auto& q) { q.grid.culling.emplace(); }));
     CHECK(refused([](auto& q) { q.grid.vertices = VertexPlace::exact; }));
-    CHECK(refused([](auto& q) { q.stages.close = Outside::below; }));
+    CHECK_FALSE(refused([](auto& q) { q.stages.close = Outside::below; }));
     CHECK(refused([](auto& q) { q.attributes.error = Field::deviation_bar; }));
     CHECK(refused([](auto& q) {
         q.stop = DistanceBound{1};
@@ -326,7 +373,7 @@ TEST_CASE("What needs a store is refused, and told how to get one") {
     CHECK_FALSE(refused([](auto& q) { q.grid.cells = Cells::hexahedra; }));
     CHECK_FALSE(refused([](auto& q) { q.stop = DistanceBound{1}; }));
     for (const SurfaceStop& stop :
-         {SurfaceStop(DistanceBound{-1}), SurfaceStop(TriangleBudget{0})}) {
+         {SurfaceStop(DistanceBound{-1}), SurfaceStop(TriangleBudgetByDistance{0})}) {
         SurfaceQuery query = at(0.25);
         query.stop = stop;
         MeshCollector mesh;
@@ -334,11 +381,67 @@ TEST_CASE("What needs a store is refused, and told how to get one") {
     }
     FunctionVolume<float> flat({9, 1, 9}, ball);
     MeshCollector mesh;
-    CHECK_THROWS_WITH(extract_volume(flat, at(0.25), mesh), Catch::Contains("need a store"));
+    CHECK_THROWS_WITH(extract_volume(flat, at(0.25), mesh), Catch::Contains("those of a store"));
     CHECK_FALSE(march_memory(flat, at(0.25)));
 }
 
-TEST_CASE("The least memory of a volume that is marched is enough, and less is refused") {
+TEST_CASE(
+    "Stages on the full resolution give the same mesh as with a store, for any threads and "
+    "memory") {
+    const auto with_a_hole = [](const Int3& p) {
+        return p.x > 40 && p.y > 40 && p.z > 30 ? std::numeric_limits<float>::quiet_NaN() : ball(p);
+    };
+    struct Asked {
+        const char* what;
+        std::function<void(SurfaceQuery&)> ask;
+    };
+    const std::vector<Asked> all{
+        {"tetrahedra", [](auto& q) { q.grid.cells = Cells::tetrahedra; }},
+        {"closed", [](auto& q) { q.stages.close = Outside::below; }},
+        {"closed from above, with normals",
+         [](auto& q) {
+             q.stages.close = Outside::above;
+             q.attributes.normals = true;
+         }},
+        {"a box",
+         [](auto& q) {
+             q.box = WorldBox{{1.25, 2, 3}, {30.5, 20, 44}};
+         }},
+        {"a closed box of tetrahedra",
+         [](auto& q) {
+             q.grid.cells = Cells::tetrahedra;
+             q.stages.close = Outside::below;
+             q.box = WorldBox{{1.25, 2, 3}, {30.5, 20, 44}};
+         }},
+        {"the largest component", [](auto& q) { q.stages.components.emplace().largest = 1; }},
+        {"a distance", [](auto& q) { q.stop = DistanceBound{0.4}; }}};
+    for (const Int3 nodes : {Int3{44, 45, 46}, Int3{66, 9, 34}, Int3{2, 3, 33}, Int3{33, 34, 65}}) {
+        FunctionVolume<float> volume(nodes, with_a_hole);
+        volume.granularity_ = {8, 4};
+        const TemporaryFolder folder;
+        preprocess(volume, folder / "s", with_chunk(16), silent_progress());
+        const Store store(folder / "s");
+        for (const Asked& asked : all) {
+            SurfaceQuery query = at(0.25);
+            query.grid.cells = Cells::hexahedra;
+            asked.ask(query);
+            MeshCollector stored;
+            extract(store, query, stored);
+            // Stages need additional memory.
+            const std::uint64_t least =
+                march_memory(volume, query).value() + (std::uint64_t{48} << 20U);
+            for (const auto& [threads, memory] :
+                 {std::pair{1, std::uint64_t{1} << 30U}, std::pair{3, least}}) {
+                CAPTURE(asked.what, nodes.x, nodes.z, threads);
+                MeshCollector mesh;
+                extract_volume(volume, query, mesh, threads, memory);
+                CHECK(same_mesh(mesh, stored));
+            }
+        }
+    }
+}
+
+TEST_CASE("Marching works with the minimum memory of a volume, and is refused with less") {
     FunctionVolume<float> volume({44, 45, 46}, ball);
     volume.granularity_ = {8, 4};
     const std::uint64_t least = march_memory(volume, at(0.25)).value();
@@ -347,7 +450,7 @@ TEST_CASE("The least memory of a volume that is marched is enough, and less is r
     CHECK_THROWS_AS(extract_volume(volume, at(0.25), mesh, 0, least - 1), Error);
 }
 
-TEST_CASE("A mesh file that is one of the volume's own files is refused, and left alone") {
+TEST_CASE("A mesh file that is also one of the volume's files is refused and stays unchanged") {
     class OfFile : public FunctionVolume<float> {
       public:
         using FunctionVolume<float>::FunctionVolume;

@@ -1,4 +1,4 @@
-"""`isonest extract` of a volume file: the triangles that its store has, whatever the format, and what is refused.
+"""`isonest extract` of a volume file: the same triangles as from its store for every format, and what is refused.
 
 Usage: extract_volume_test.py ISONEST PLUGIN_FOLDER
 """
@@ -34,7 +34,7 @@ def waves(shape, kind="f4"):
 
 
 def triangles(path):
-    """Sorted, each from its smallest corner on."""
+    """Sorted triangles, each starting at its smallest corner."""
     vertices, faces = read_points(path)
     found = []
     for a, b, c in vertices[faces].tolist():
@@ -74,7 +74,7 @@ class Case(unittest.TestCase):
 
 class Formats(Case):
     def same(self, *how, iso="100.5"):
-        """As through a store."""
+        """The mesh as extracted from a store."""
         self.works("extract", *how, "--iso", iso, "-o", self.mesh)
         store, other = self.here / "s.isonest", self.here / "o.ply"
         self.works("preprocess", *how, "-o", store, "--chunk", "16", "--force")
@@ -159,24 +159,140 @@ class Bytes(Case):
         self.assertIn("straight from", text)
 
 
+# What can be requested of a surface in addition to its isovalue; a store needs no field beyond the default for it.
+OPTIONS = [["--error", "2"], ["--indicator", "plus"], ["--stop", "linf_plus", "--threshold", "3"], ["--focus", "3,4,5", "--falloff", "0.2"],
+           ["--camera", "-9,0,0", "--pixels", "4", "--height", "64"], ["--box", "0.7,1.1,2.3,4.2,4.4,9.1"], ["--close"], ["--close=above"], ["--cells", "tet"],
+           ["--cells", "hex"], ["--vertices", "exact"], ["--bound", "linf_plus"], ["--vertex-error", "deviation_bar"], ["--normals"], ["--quality"],
+           ["--distance", "0.4voxel"], ["--effort", "fast"], ["--effort", "none"], ["--triangles", "300"], ["--by", "error"],
+           ["--components", "largest"], ["--min-component", "20"], ["--min-volume", "0.5"], ["--volume-interval"], ["--space", "lps"],
+           ["--vertex-values", "{other}"]]
+
+
+class AnyOption(Case):
+    """The same command on a volume and on its store: the same bytes, or the same refusal."""
+
+    def setUp(self):
+        super().setUp()
+        data = waves((15, 16, 17))
+        data[9:, 9:, 9:] = np.nan
+        self.volume = self.nrrd(data)
+        self.store, self.other = self.here / "s.isonest", self.here / "other.isonest"
+        # Includes the fields for `--cells hex --error`, which are computed on demand for a volume.
+        self.works("preprocess", self.volume, "-o", self.store, "--indicators", "linf_bar,linf_plus,deviation_bar,hex_linf,hex_deviation")
+        self.works("preprocess", self.nrrd(waves((15, 16, 17)) ** 2, "o.nrrd"), "-o", self.other)
+
+    def both(self, options, name="m.ply", iso=("--iso", "100.5")):
+        """The exit code, and whether a store was made."""
+        options = [word.format(other=self.other) for word in options]
+        results = []
+        for source in (self.volume, self.store):
+            mesh = self.here / name
+            mesh.unlink(missing_ok=True)
+            done = self.run_program("extract", source, *iso, *options, "-o", mesh, "--json")
+            said = done.stderr.replace(str(source), "INPUT")
+            results.append((done.returncode, said, mesh.read_bytes() if mesh.exists() else None))
+            self.assertIn(done.returncode, (0, 2), (options, done.stderr))
+            if source == self.volume and done.returncode == 0:
+                made = "made_store" in json.loads(done.stdout)
+        self.assertEqual(results[0], results[1], options)
+        self.assertFalse([name for name in os.listdir(self.here) if name.startswith(".")])
+        return results[0][0], results[0][0] == 0 and made
+
+    def test_every_pair_of_options_gives_the_mesh_of_the_store_or_is_refused_as_there(self):
+        works = refused = 0
+        for i, first in enumerate(OPTIONS):
+            for second in OPTIONS[i + 1:]:
+                if first[0] == second[0] or (first[0].startswith("--close") and second[0].startswith("--close")):
+                    continue
+                options = first + second
+                if set(options) <= {"--cells", "hex", "--normals", "--quality", "--space", "lps", "--effort", "none"}:
+                    continue  # neither option changes the surface
+                with self.subTest(options=options):
+                    code, _ = self.both(options)
+                    works, refused = works + (code == 0), refused + (code != 0)
+        print(f"{works} pairs work, {refused} are refused")
+        self.assertGreater(works, 150)
+
+    def test_full_resolution_makes_no_store_and_all_else_does(self):
+        for options in (["--close"], ["--box", "0.7,1.1,2.3,4.2,4.4,9.1"], ["--cells", "tet"],
+                        ["--distance", "0.4voxel", "--close"], ["--components", "largest"],
+                        ["--triangles", "300", "--effort", "fast"], ["--close=above", "--cells", "tet", "--normals"]):
+            with self.subTest(options=options):
+                self.assertEqual(self.both(options), (0, False))
+        for options in (["--error", "2"], ["--vertices", "exact"], ["--vertex-error", "linf_bar"]):
+            with self.subTest(options=options):
+                self.assertEqual(self.both(options), (0, True))
+
+    def test_labels_planes_and_several_isovalues(self):
+        np.save(self.here / "l.npy", (waves((15, 16, 17)) > 100).astype("i8") + (waves((15, 16, 17)) > 120))
+        np.save(self.here / "p.npy", waves((15, 16, 17))[3])
+        for name, labels, options, mesh in (("l", ["--labels"], ["--label", "2"], "m.ply"),
+                                            ("l", ["--labels"], ["--label", "1", "--smooth", "--close"], "m.ply"),
+                                            ("p", [], ["--iso", "100.5"], "m.vtp"), ("p", [], ["--graph", "--scale", "2"], "m.ply"),
+                                            ("p", [], ["--iso", "100.5", "--distance", "0.3"], "m.vtp")):
+            self.volume, self.store = self.here / f"{name}.npy", self.here / f"{name}.isonest"
+            self.works("preprocess", self.volume, "-o", self.store, "--force", *labels)
+            with self.subTest(options=options):
+                self.assertEqual(self.both(options, mesh, iso=()), (0, True))
+        self.volume, self.store = self.here / "v.nrrd", self.here / "s.isonest"
+        for source, name in ((self.volume, "a"), (self.store, "b")):
+            self.works("extract", source, "--iso", "90,100.5", "--error", "1", "-o", self.here / (name + "_{iso}.ply"))
+        for iso in ("90", "100.5"):
+            self.assertEqual((self.here / f"a_{iso}.ply").read_bytes(), (self.here / f"b_{iso}.ply").read_bytes())
+
+    def test_fields_beyond_the_default_are_made(self):
+        for options, fields in ((["--error", "2", "--cells", "hex", "--effort", "none"], "hex_deviation"),
+                                (["--error", "2", "--view", "1,0,0"], "normal_turn_plus"),
+                                (["--error", "2", "--view", "1,0,0", "--cull-by", "grad_linf_plus"], "grad_linf_plus"),
+                                (["--stop", "normal_bar", "--threshold", "0.2"], "normal_bar")):
+            self.works("preprocess", self.volume, "-o", self.store, "--force", "--indicators",
+                       f"linf_bar,linf_plus,deviation_bar,{fields}")
+            with self.subTest(options=options):
+                self.assertEqual(self.both(options), (0, True))
+
+    def test_a_kept_store_is_that_of_preprocess_and_nothing_else_stays(self):
+        before = set(os.listdir(self.here))
+        kept = self.here / "kept.isonest"
+        said = json.loads(self.works("extract", self.volume, "--iso", "100.5", "--keep-store", kept, "--json", "-o", self.mesh))
+        self.assertEqual(said["made_store"]["kept"], str(kept))
+        self.works("preprocess", self.volume, "-o", self.here / "own.isonest")
+        self.assertEqual(kept.read_bytes(), (self.here / "own.isonest").read_bytes())
+        self.mesh.unlink()
+        self.assertIn("kept.isonest", self.fails(2, "extract", self.volume, "--iso", "1", "--keep-store", kept))
+        self.assertIn("--keep-store", self.fails(2, "extract", self.store, "--iso", "1", "--keep-store", self.here / "x"))
+        self.assertIn("--keep-store", self.fails(2, "extract", self.volume, "--iso", "1", "--distance", "1", "--keep-analysis"))
+        self.assertEqual(set(os.listdir(self.here)), before | {"kept.isonest", "own.isonest"})
+
+    def test_slice_and_histogram_of_a_volume_are_those_of_its_store(self):
+        for options, name in ((["--plane", "1,2,3,24", "--error", "3"], "p.png"), (["--plane", "1,2,3,24"], "m.vtp"),
+                              (["--plane", "0,0,1,4", "--contours", "90,110"], "m.vtp")):
+            meshes = []
+            for source in (self.volume, self.store):
+                self.works("slice", source, *options, "-o", self.here / name)
+                meshes.append((self.here / name).read_bytes())
+            self.assertEqual(*meshes, options)
+        one, two = (json.loads(self.works("info", source, "--histogram", "--json")) for source in (self.volume, self.store))
+        self.assertEqual(one["histogram"], two["histogram"])
+        said = json.loads(self.works("info", self.volume, "--json"))
+        self.assertEqual((said["nodes"], said["spacing"], said["type"]), ([17, 16, 15], [0.5, 0.5, 2], "float32"))
+
+    def test_threads_and_memory_change_no_byte(self):
+        path = self.nrrd(waves((40, 90, 88), "u1"), "large.nrrd")
+        for options in (["--close", "--distance", "0.5voxel"], ["--cells", "tet", "--normals", "--close=above"], ["--error", "3"]):
+            meshes = set()
+            for threads, memory in ((1, "1G"), (2, "56M"), (7, "1G"), (2, "64M")):
+                self.works("extract", path, "--iso", "100", "--threads", threads, "--memory", memory, "-o", self.mesh, *options)
+                meshes.add(self.mesh.read_bytes())
+            self.assertEqual(len(meshes), 1, options)
+
+
 class Refused(Case):
-    def test_what_needs_a_store_says_how_to_get_one(self):
+    def test_what_makes_no_sense_is_refused_before_a_store_is_made(self):
         path = self.nrrd(waves((9, 10, 11)))
-        for options in (["--error", "2"], ["--error-relative", "0.1"], ["--stop", "deviation_bar"],
-                        ["--focus", "1,2,3"], ["--camera", "1,2,3"], ["--box", "0,0,0,1,1,1"], ["--close"],
-                        ["--cells", "tet"], ["--vertices", "exact"], ["--view", "0,0,1"], ["--bound", "deviation_bar"],
-                        ["--vertex-error", "deviation_bar"], ["--distance", "1", "--no-simplify"],
-                        ["--distance", "1", "--keep-analysis"], ["--triangles", "9", "--by", "error"],
-                        ["--error", "1", "--simplify"]):
-            with self.subTest(options=options):
-                self.assertIn("isonest preprocess", self.fails(2, "extract", path, "--iso", "100", *options))
-        for options in (["--iso", "90,100"], ["--label", "3"], ["--graph"]):
-            with self.subTest(options=options):
-                self.assertIn("isonest preprocess", self.fails(2, "extract", path, *options))
-        self.assertIn("isonest preprocess", self.fails(2, "extract", path, "--iso", "100", "--crop", ":,:,3:4"))
         self.assertIn("--iso", self.fails(2, "extract", path))
         self.assertIn("distance", self.fails(2, "extract", path, "--iso", "100", "--effort", "fast"))
         self.assertIn("--unit", self.fails(2, "extract", path, "--iso", "100", "--distance", "1mm"))
+        self.assertIn("backface culling", self.fails(2, "extract", path, "--iso", "100", "--close", "--view", "1,0,0", "--error", "1"))
 
     def test_a_file_that_is_no_volume_says_what_there_is(self):
         with h5py.File(self.here / "v.h5", "w") as file:

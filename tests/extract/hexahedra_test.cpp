@@ -1,14 +1,14 @@
-// Surfaces of hexahedral cells: closed, manifold, the same bytes however they are made, and what a
-// marching of explicit cells gives.
+// Surfaces of hexahedral cells: closed, manifold, independent of threads, memory and chunks, and
+// equal to an explicit marching of the cells.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <set>
 
 #include <isonest/error.h>
 
-#include "query/march/hexahedron_cases.h"
-#include "query/march/triangulate_polygon.h"
-#include "query/view/topology.h"
+#include "query/march/cube_cases.h"
+#include "query/march/march_hexahedron.h"
+#include "query/values/topology.h"
 #include "tests/support/test_support.h"
 #include "tests/support/whole_mesh.h"
 
@@ -79,7 +79,7 @@ float pure_noise(const Int3& p) {
     return static_cast<float>(noise(p));
 }
 
-/// Of both cells at a face the sides that the surface has there, as pairs of edges' midpoints in
+/// For both cells at a face, the sides of the surface in the face, as pairs of edges' midpoints in
 /// the unit square, in order.
 using FaceSides = std::set<std::array<std::int64_t, 2>>;
 
@@ -108,7 +108,7 @@ FaceSides sides_in(const HexahedronCase& c, unsigned face, bool reversed) {
     return sides;
 }
 
-/// An explicit marching of all cells by the table, each with vertices of its own.
+/// An explicit marching of all cells by the table; cells do not share vertices.
 template <class T>
 std::multiset<std::array<std::array<float, 3>, 3>> by_cells(const FunctionVolume<T>& volume,
                                                             double iso) {
@@ -143,7 +143,7 @@ std::multiset<std::array<std::array<float, 3>, 3>> by_cells(const FunctionVolume
 
 }  // namespace
 
-TEST_CASE("each case of a hexahedral cell is discs that separate its corners") {
+TEST_CASE("each case of a hexahedral cell consists of discs that separate its corners") {
     for (unsigned below = 0; below < 256; ++below) {
         CAPTURE(below);
         const HexahedronCase& c = hexahedron_cases()[below];
@@ -158,8 +158,8 @@ TEST_CASE("each case of a hexahedral cell is discs that separate its corners") {
         REQUIRE(c.edges == crossed.size());
         REQUIRE(std::set<std::uint8_t>(c.edge.begin(), c.edge.begin() + c.edges) == crossed);
         REQUIRE(c.first[c.polygons] == c.edges);
-        // A disc of n corners has n - 2 triangles; each polygon's sides are used once, and all
-        // other sides of triangles twice, in opposite directions, and in no face.
+        // A disc of n corners has n - 2 triangles. Each side of a polygon is used once. All other
+        // sides of triangles are used twice, in opposite directions, and are not in a face.
         REQUIRE(c.triangles == c.edges - 2 * c.polygons);
         std::map<std::array<std::uint8_t, 2>, int> sides;
         for (std::size_t t = 0; t < c.triangles; ++t) {
@@ -191,7 +191,7 @@ TEST_CASE("each case of a hexahedral cell is discs that separate its corners") {
     }
 }
 
-TEST_CASE("two hexahedral cells have the same sides in the face that they share") {
+TEST_CASE("two adjacent hexahedral cells have the same sides in their common face") {
     for (unsigned axis = 0; axis < 3; ++axis) {
         for (unsigned low = 0; low < 256; ++low) {
             for (unsigned high = 0; high < 256; ++high) {
@@ -209,7 +209,7 @@ TEST_CASE("two hexahedral cells have the same sides in the face that they share"
     }
 }
 
-TEST_CASE("a polygon is triangulated by the shortest diagonals that are allowed, or not at all") {
+TEST_CASE("a polygon is triangulated by the shortest allowed diagonals, or not at all") {
     const auto by = [](const auto& cost) {
         std::set<std::array<std::size_t, 3>> triangles;
         const bool done =
@@ -230,7 +230,7 @@ TEST_CASE("a polygon is triangulated by the shortest diagonals that are allowed,
     CHECK(by([&](std::size_t i, std::size_t) { return i == 2 ? 1.0 : kNever; }).empty());
 }
 
-TEST_CASE("a surface of hexahedral cells is that of each cell by itself, welded") {
+TEST_CASE("a surface of hexahedral cells is the welded surface of the individual cells") {
     for (const Int3& n :
          {Int3{17, 17, 17}, Int3{20, 31, 18}, Int3{2, 2, 2}, Int3{3, 40, 5}, Int3{41, 6, 13}}) {
         for (const auto function : {smooth_f, rough, pure_noise}) {
@@ -264,7 +264,8 @@ TEST_CASE("a surface of hexahedral cells is that of each cell by itself, welded"
     }
 }
 
-TEST_CASE("a surface of hexahedral cells through nodes is a manifold without flat triangles") {
+TEST_CASE(
+    "a surface of hexahedral cells through nodes is a manifold without degenerate triangles") {
     for (const std::uint64_t seed : {1, 2, 3, 4, 5, 6}) {
         for (const int levels : {2, 3, 5, 9}) {
             for (const Int3& n : {Int3{14, 13, 15}, Int3{2, 2, 2}, Int3{5, 18, 3}}) {
@@ -288,7 +289,7 @@ TEST_CASE("a surface of hexahedral cells through nodes is a manifold without fla
 }
 
 TEST_CASE("a surface of hexahedral cells along faces and edges of the grid") {
-    // Steps, so that the surface lies in faces, and turns in their edges and corners.
+    // Steps, so that the surface lies in faces and turns at their edges and corners.
     FunctionVolume<std::uint8_t> volume({16, 16, 16}, [](const Int3& p) {
         const Int3 q{p.x / 3, p.y / 4, p.z / 2};
         return static_cast<std::uint8_t>((q.x + q.y + q.z) % 3);
@@ -327,7 +328,8 @@ TEST_CASE("a closed surface of hexahedral cells has the Euler characteristic of 
           Approx(4 * kPi / 3 * (std::pow(7.3, 3) + std::pow(9.1, 3))).epsilon(0.02));
 }
 
-TEST_CASE("hexahedral cells with a missing corner have no surface, and no other is touched") {
+TEST_CASE(
+    "hexahedral cells with a missing corner have no surface, and other cells are not affected") {
     FunctionVolume<float> holes({21, 20, 19}, [](const Int3& p) {
         return noise(p, 3) < 0.01 ? std::numeric_limits<float>::quiet_NaN() : rough(p);
     });
@@ -351,7 +353,7 @@ TEST_CASE("hexahedral cells with a missing corner have no surface, and no other 
     CHECK(r.mesh.triangles.size() == expected);
 }
 
-TEST_CASE("a surface of hexahedral cells within a box has no crack where it is cut") {
+TEST_CASE("a surface of hexahedral cells in a box has no crack where the box clips it") {
     FunctionVolume<float> volume({30, 28, 26}, rough);
     for (const WorldBox& box :
          {WorldBox{{3.3, 4.1, 2.7}, {21.2, 19.9, 22.5}}, WorldBox{{4, 5, 6}, {20, 21, 22}}}) {
@@ -388,7 +390,7 @@ TEST_CASE("hexahedral cells give about a third of the triangles of tetrahedra") 
     CHECK(share < 0.45);
 }
 
-TEST_CASE("hexahedral cells refuse what they do not give") {
+TEST_CASE("hexahedral cells refuse what they do not support") {
     const TemporaryFolder folder;
     FunctionVolume<float> volume({9, 9, 9}, smooth_f);
     make_store(volume, folder / "s");
@@ -400,9 +402,15 @@ TEST_CASE("hexahedral cells refuse what they do not give") {
         change(query);
         REQUIRE_THROWS_AS(extract_query(store, query, false), Error);
     };
-    refused([](SurfaceQuery& q) { q.stop = ErrorBound{0.1}; });
-    refused([](SurfaceQuery& q) { q.stop = NestedDistanceBound{{0.1}}; });
-    refused([](SurfaceQuery& q) { q.stop = SimplifiedErrorBound{{0.1}}; });
+    refused([](SurfaceQuery& q) {
+        q.stop = ErrorBound{0.1};
+        q.effort = Effort::none;
+    });
+    refused([](SurfaceQuery& q) {
+        q.stop = DistanceBound{0.1};
+        q.effort = Effort::none;
+    });
+    refused([](SurfaceQuery& q) { q.stop = ErrorBound{0.1, false, ErrorIndicator::estimate}; });
     refused([](SurfaceQuery& q) {
         q.stop = FieldThreshold{Field::hex_deviation, 0};
         q.stages.close = Outside::below;
@@ -417,7 +425,7 @@ TEST_CASE("hexahedral cells refuse what they do not give") {
     REQUIRE_THROWS_AS(extract_query(plane, query, false), Error);
 }
 
-TEST_CASE("within a distance cells are hexahedra, unless something needs tetrahedra") {
+TEST_CASE("at full resolution the default cells are hexahedra, unless an option needs tetrahedra") {
     const TemporaryFolder folder;
     FunctionVolume<float> volume({9, 9, 9}, smooth_f);
     make_store(volume, folder / "s");
@@ -428,10 +436,20 @@ TEST_CASE("within a distance cells are hexahedra, unless something needs tetrahe
         return extract_query(store, query, false).traversal.cells;
     };
     const DistanceBound distance{0.1};
-    CHECK(cells([](SurfaceQuery& /*q*/) {}) == Cells::tetrahedra);
-    CHECK(cells([](SurfaceQuery& q) { q.stop = NestedDistanceBound{{0.1}}; }) == Cells::tetrahedra);
+    CHECK(cells([](SurfaceQuery& /*q*/) {}) == Cells::hexahedra);
+    CHECK(cells([](SurfaceQuery& q) { q.grid.vertices = VertexPlace::exact; }) ==
+          Cells::tetrahedra);
+    CHECK(cells([](SurfaceQuery& q) {
+              q.stop = ErrorBound{0.1};
+              q.effort = Effort::none;
+          }) == Cells::tetrahedra);
+    CHECK(cells([&](SurfaceQuery& q) {
+              q.stop = distance;
+              q.effort = Effort::none;
+          }) == Cells::tetrahedra);
     CHECK(cells([&](SurfaceQuery& q) { q.stop = distance; }) == Cells::hexahedra);
-    CHECK(cells([&](SurfaceQuery& q) { q.stop = TriangleBudget{100}; }) == Cells::hexahedra);
+    CHECK(cells([&](SurfaceQuery& q) { q.stop = TriangleBudgetByDistance{100}; }) ==
+          Cells::hexahedra);
     CHECK(cells([&](SurfaceQuery& q) {
               q.stop = distance;
               q.stages.components.emplace();

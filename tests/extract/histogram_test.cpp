@@ -1,4 +1,4 @@
-// The histogram and the surface of each isovalue: what a walk over the values finds.
+// The histogram and the numbers of cubes and nodes are those of a direct count over the values.
 #include "query/statistics/histogram.h"
 
 #include <algorithm>
@@ -9,7 +9,6 @@
 
 #include <isonest/error.h>
 
-#include "query/statistics/value_counts.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -18,14 +17,14 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// Each value lies in the last bin that does not begin above it, and bins ascend.
+/// Each value is in the last bin that does not begin above it, and bins ascend.
 template <class T>
 void require_bins(const std::vector<T>& values) {
     const auto [low, high] = std::minmax_element(values.begin(), values.end());
     const ValueBins bins(value_type_of<T>, static_cast<double>(*low), static_cast<double>(*high));
     CAPTURE(name_of(value_type_of<T>), *low, *high);
     REQUIRE(bins.count() >= 1);
-    REQUIRE(bins.count() <= kMostBins);
+    REQUIRE(bins.count() <= kMaxBins);
     REQUIRE(bins.low.front() == static_cast<double>(*low));
     REQUIRE(std::is_sorted(bins.low.begin(), bins.low.end()));
     for (const double l : bins.low) {
@@ -51,8 +50,8 @@ void require_bins(const std::vector<T>& values) {
     if (bins.integer) {
         const double width = bins.count() > 1 ? bins.low[1] - bins.low[0] : bins.end - bins.low[0];
         CHECK(width == std::floor(width));
-        CHECK((width == 1 || static_cast<double>(*high) - static_cast<double>(*low) >= kMostBins));
-        CHECK(bins.count() > (width == 1 ? 0 : kMostBins / 2));
+        CHECK((width == 1 || static_cast<double>(*high) - static_cast<double>(*low) >= kMaxBins));
+        CHECK(bins.count() > (width == 1 ? 0 : kMaxBins / 2));
         CHECK(bins.end > static_cast<double>(*high));
     }
 }
@@ -79,7 +78,7 @@ void require_bins_of_ranges() {
     }
 }
 
-/// What the counts must be, of every node and cube by itself.
+/// The expected counts, computed for every node and cube.
 struct Walked {
     std::vector<std::uint64_t> nodes;
     std::vector<std::uint64_t> cubes;
@@ -110,7 +109,7 @@ Walked walk(const FunctionVolume<T>& volume, const ValueBins& bins, std::int64_t
         double high = -low;
         for (std::int64_t i = 0; i < count.product(); ++i) {
             const double v = volume.at(first + count.unlinear(i));
-            if (edge > 1 ? !std::isnan(v) : std::isfinite(v)) {  // as the stored ranges have it
+            if (edge > 1 ? !std::isnan(v) : std::isfinite(v)) {  // as in the stored ranges
                 low = std::min(low, v);
                 high = std::max(high, v);
             }
@@ -170,8 +169,8 @@ void require_counts(const Int3& n, const std::function<T(const Int3&)>& f) {
 template <class T>
 void require_counts_of_shapes() {
     const auto value = [](const Int3& p) {
-        constexpr double kMost = 127;  // within every type
-        return static_cast<T>(std::clamp(100 * noise(p) + 40 * (smooth(p) + 1.3), 0.0, kMost));
+        constexpr double kMax = 127;  // a value that every type can hold
+        return static_cast<T>(std::clamp(100 * noise(p) + 40 * (smooth(p) + 1.3), 0.0, kMax));
     };
     for (const Int3 n : {Int3{17, 17, 17}, Int3{18, 9, 25}, Int3{2, 3, 70}, Int3{40, 33, 1},
                          Int3{1, 20, 17}, Int3{1, 1, 30}, Int3{30, 1, 1}, Int3{1, 1, 1}}) {
@@ -196,7 +195,7 @@ std::vector<double> suggested_for(const std::function<double(const Int3&)>& f, s
 
 }  // namespace
 
-TEST_CASE("every value lies in the last bin that does not begin above it") {
+TEST_CASE("every value is in the last bin that does not begin above it") {
     require_bins_of_ranges<std::uint8_t>();
     require_bins_of_ranges<std::int8_t>();
     require_bins_of_ranges<std::uint16_t>();
@@ -212,7 +211,8 @@ TEST_CASE("every value lies in the last bin that does not begin above it") {
     CHECK(ValueBins(ValueType::i16, 0, 256).count() == 129);
 }
 
-TEST_CASE("nodes and cubes are those of a walk, for any chunks, threads and memory") {
+TEST_CASE(
+    "counts of nodes and cubes are those of a direct count, for any chunks, threads and memory") {
     require_counts_of_shapes<std::uint8_t>();
     require_counts_of_shapes<std::int16_t>();
     require_counts_of_shapes<std::uint32_t>();
@@ -220,7 +220,7 @@ TEST_CASE("nodes and cubes are those of a walk, for any chunks, threads and memo
     require_counts_of_shapes<double>();
 }
 
-TEST_CASE("missing values are counted by themselves, and the ends of a type are values") {
+TEST_CASE("missing values are counted separately, and the extremes of a type are values") {
     constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
     constexpr float kInfinity = std::numeric_limits<float>::infinity();
     const auto holes = [&](const Int3& p) {
@@ -249,7 +249,7 @@ TEST_CASE("missing values are counted by themselves, and the ends of a type are 
 }
 
 TEST_CASE("isovalues are suggested between the materials of a blurred, noisy volume") {
-    // A ball of 200 in a shell of 120 in air of 30; the boundaries are four nodes wide.
+    // A ball with value 200 in a shell with 120 in air with 30; the boundaries are four nodes wide.
     const auto material = [](const Int3& p) {
         const auto square = [](std::int64_t v) { return static_cast<double>((v - 24) * (v - 24)); };
         const double r = std::sqrt(square(p.x) + square(p.y) + square(p.z));
@@ -263,17 +263,19 @@ TEST_CASE("isovalues are suggested between the materials of a blurred, noisy vol
     CHECK(found[1] == Approx(160).margin(25));
 }
 
-TEST_CASE("a mask is cut in its middle, and where there is no surface nothing is suggested") {
+TEST_CASE(
+    "a mask gets the isovalue in its middle, and nothing is suggested if there is no surface") {
     const auto mask = [](const Int3& p) { return p.x + p.y < 9 ? 0.0 : 255.0; };
     CHECK(suggested_for(mask, 17) == std::vector<double>{127.5});
     const auto two = [](const Int3& p) { return p.x + p.y < 9 ? 0.0 : 1.0; };
     CHECK(suggested_for(two, 17) == std::vector<double>{0.5});
     CHECK(suggested_for([](const Int3&) { return 7.0; }, 17).empty());
-    // A ramp is as sharp everywhere: one of its isovalues, not all.
+    // A ramp is equally sharp everywhere: one of its isovalues is suggested, not all.
     CHECK(suggested_for([](const Int3& p) { return 5.0 * p.x; }, 17).size() == 1);
 }
 
-TEST_CASE("a histogram stops when it is told to, and says when memory or a level is not there") {
+TEST_CASE(
+    "a histogram can be cancelled, and reports too little memory or a level that does not exist") {
     FunctionVolume<std::uint8_t> volume(
         {33, 33, 33}, [](const Int3& p) { return static_cast<std::uint8_t>(256 * noise(p)); });
     const TemporaryFolder folder;

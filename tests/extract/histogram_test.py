@@ -1,4 +1,4 @@
-"""`isonest info --histogram` against numpy, which counts every value and every cube by itself.
+"""`isonest info --histogram` compared with numpy, which counts every value and every cube.
 
 Usage: histogram_test.py ISONEST PLUGIN_FOLDER
 """
@@ -31,7 +31,7 @@ def run(*arguments):
 
 
 def bins_of(u):
-    """The smallest value of each bin, as the manual has it."""
+    """The smallest value of each bin, as defined in the manual."""
     finite = u[np.isfinite(u)].astype("f8")
     if finite.size == 0:
         return np.array([])
@@ -49,7 +49,7 @@ def counts_of(u, low, stride):
 
 
 def cubes_of(u, low, edge, keep):
-    """How many cubes of that edge have values on both sides of each bin's smallest one."""
+    """For the smallest value of each bin, the number of cubes of that edge with values on both sides."""
     small = np.where(keep, u, np.inf).astype("f8")
     large = np.where(keep, u, -np.inf).astype("f8")
     for axis, n in enumerate(u.shape):
@@ -60,7 +60,7 @@ def cubes_of(u, low, edge, keep):
 
 
 def suggested(low, nodes, cubes, integer):
-    """The rule of the manual."""
+    """The rule in the manual."""
     n, largest, groups, begin, total = len(low), cubes.max(initial=0), [], 0, int(nodes.sum())
     middle = lambda a, b: min(max((a + b) // 2, 1), n - 1)
     for end in range(1, n + 1):
@@ -130,7 +130,7 @@ class Histogram(unittest.TestCase):
         return done.stderr
 
     def compare(self, u, h, what):
-        """With numpy; the level says what was counted."""
+        """Checks counts with numpy; the level says what was counted."""
         with self.subTest(what, shape=u.shape, type=u.dtype, level=h["level"]):
             integer = u.dtype.kind in "iu"
             low = np.array([b["low"] for b in h["bins"]])
@@ -194,7 +194,7 @@ class Histogram(unittest.TestCase):
         self.assertEqual(sum(b["nodes"] for b in h["bins"]), np.isfinite(f).sum())
 
     def test_the_surface_passes_through_as_many_cubes_as_are_said(self):
-        """And a full surface has 2 to 12 triangles in each: six tetrahedra with one or two."""
+        """A full surface has 2 to 12 triangles in each such cube: six tetrahedra with one or two."""
         for s in self.histogram(self.ball)["suggested"]:
             done = run("extract", self.ball, "--iso", s["isovalue"], "-o", self.here / "m.ply", "--json")
             triangles = json.loads(done.stdout)["triangles"]
@@ -237,7 +237,8 @@ class Histogram(unittest.TestCase):
     def test_damaged_stores_are_errors(self):
         for bad in sorted(GOLDEN.glob("2.3-*.store")):
             done = run("info", bad, "--histogram")
-            self.assertIn(done.returncode, (0, 4, 5), (bad, done.stderr))
+            # 2: without the attribute that marks it as a store, the file has several volumes.
+            self.assertIn(done.returncode, (0, 2, 4, 5) if "no-store" in bad.name else (0, 4, 5), (bad, done.stderr))
         whole = self.ball.read_bytes()
         with h5py.File(self.ball) as file:
             values = file["levels/0/values"].id.get_chunk_info(0).byte_offset

@@ -1,4 +1,4 @@
-// Interfaces of labels in C++: what a sink is told, in whatever order, and what is refused.
+// Interfaces of labels in C++: what a sink receives, in any order, and what is refused.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -16,7 +16,7 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// A store of labels 1 ... 6 in lumps that reach over several pieces.
+/// A store of labels 1 ... 6 in regions that extend over several pieces.
 struct Lumps {
     Lumps() : volume({70, 41, 19}, [](const Int3& p) { return label_at(p); }) {
         make_store(volume, folder / "s", with_chunk(8));
@@ -60,7 +60,7 @@ TEST_CASE("interfaces in order and in any order are the same, and batches repeat
         [&](const ElementBatch& batch) {
             right = right && batch.first == triangles &&
                     batch.sides.size() == batch.corners.size() &&
-                    batch.corners.size() <= MeshSink::kMostRows;
+                    batch.corners.size() <= MeshSink::kMaxRows;
             for (std::size_t i = 0; right && i < batch.corners.size(); ++i, ++triangles) {
                 right = batch.sides[i] == whole.sides[triangles];
                 for (std::size_t k = 0; k < 3; ++k) {
@@ -78,7 +78,8 @@ TEST_CASE("interfaces in order and in any order are the same, and batches repeat
     CHECK(in_order.layout().sides_range == std::array<std::int64_t, 2>{-1, lumps.labels.back().id});
 }
 
-TEST_CASE("each pair of labels is told once, with the area of its triangles, and after the mesh") {
+TEST_CASE(
+    "each pair of labels is reported once, with the area of its triangles, and after the mesh") {
     const Lumps lumps;
     MeshCollector mesh;
     std::map<std::pair<std::int64_t, std::int64_t>, double> told;
@@ -104,7 +105,7 @@ TEST_CASE("each pair of labels is told once, with the area of its triangles, and
     CHECK_FALSE(report.measures->volume);
     CHECK(report.smooth->passes == 5);
     CHECK(report.smooth->bound > 0);
-    // The bound holds for all: it is the largest of the labels'.
+    // The bound holds for all labels: it is the largest of their bounds.
     double largest = 0;
     std::uint64_t twice = 0;
     extract_labels(
@@ -121,7 +122,9 @@ TEST_CASE("each pair of labels is told once, with the area of its triangles, and
     CHECK(twice == 2 * mesh.triangles.size() - static_cast<std::uint64_t>(caps));
 }
 
-TEST_CASE("the order in which labels are given changes no interface, and none of them gives none") {
+TEST_CASE(
+    "the order of the requested labels does not change the interfaces, and an empty list gives "
+    "none") {
     const Lumps lumps;
     MeshCollector mesh;
     extract_interfaces(*lumps.store, lumps.labels, lumps.query, mesh);

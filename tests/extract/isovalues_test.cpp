@@ -1,4 +1,4 @@
-// Several isovalues at once: each mesh is the one that its isovalue has alone.
+// Several isovalues at once: each mesh is the same as for its isovalue alone.
 #include <fmt/format.h>
 
 #include <catch2/catch.hpp>
@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::uint64_t kAmple = std::uint64_t{1} << 30U;
 constexpr std::uint64_t kLittle = std::uint64_t{24} << 20U;
-/// What simplifies needs more.
+/// Simplification needs more.
 constexpr std::uint64_t kLittleForStages = std::uint64_t{160} << 20U;
 
 std::string file_of(const char* end, std::size_t i) {
@@ -43,8 +43,8 @@ std::vector<std::string> alone(const Store& store, const std::vector<double>& is
 
 struct Together {
     std::vector<std::string> files;
-    std::vector<std::size_t> order;  ///< in which they were done
-    std::size_t at_once = 0;         ///< sinks that were there when the first was done
+    std::vector<std::size_t> order;  ///< in the order in which they were done
+    std::size_t at_once = 0;         ///< number of sinks when the first one was done
     std::vector<ExtractReport> reports;
 };
 
@@ -61,7 +61,7 @@ Together together(const Store& store, const std::vector<double>& isovalues,
         },
         [&](std::size_t i, const ExtractReport& report) {
             t.at_once = t.order.empty() ? opened : t.at_once;
-            // It is whole by now.
+            // It is complete at this point.
             t.files.push_back(read_file(folder.path() / file_of(end, i)));
             t.order.push_back(i);
             t.reports.push_back(report);
@@ -71,7 +71,7 @@ Together together(const Store& store, const std::vector<double>& isovalues,
     return t;
 }
 
-/// For several numbers of threads and much and little memory.
+/// Compares for several numbers of threads, with much and with little memory.
 void check_same(const Store& store, const std::vector<double>& isovalues, const SurfaceQuery& query,
                 const char* end = ".ply", std::uint64_t little = kLittle) {
     const std::vector<std::string> expected = alone(store, isovalues, query, end);
@@ -93,7 +93,7 @@ float waves(const Int3& p) {
     return static_cast<float>(smooth(p) + 0.1 * noise(p));
 }
 
-/// Nodes of odd numbers, smooth values.
+/// Smooth values; odd numbers of nodes.
 struct Waves {
     explicit Waves(const Int3& n = {37, 30, 21}, const std::function<float(const Int3&)>& f = waves)
         : volume(n, f) {
@@ -112,17 +112,17 @@ struct Waves {
 
 }  // namespace
 
-TEST_CASE("isovalues of bytes together give the bytes of each alone") {
+TEST_CASE("isovalues of bytes extracted together give the bytes of each alone") {
     const TemporaryFolder folder;
     FunctionVolume<std::uint8_t> volume({33, 41, 22}, [](const Int3& p) {
         return static_cast<std::uint8_t>(std::lround(100 + 30 * smooth(p) + 5 * noise(p)));
     });
     make_store(volume, folder / "s", with_chunk(16));
-    // Values of nodes and others, in no order, and one that no value reaches.
+    // Values of nodes and others, in no order, and one beyond all values.
     check_same(Store(folder / "s"), {120, 80.5, 100, 255, 60}, {});
 }
 
-TEST_CASE("isovalues of floats together give the bytes of each alone, whatever is asked for") {
+TEST_CASE("isovalues of floats extracted together give the bytes of each alone, for all options") {
     const Waves subject;
     const Store& store = *subject.store;
     const std::vector<double> isovalues{0.4, -0.3, 1.0};
@@ -133,6 +133,7 @@ TEST_CASE("isovalues of floats together give the bytes of each alone, whatever i
     }
     SECTION("an error") {
         query.stop = ErrorBound{0.2};
+        query.effort = Effort::none;
         check_same(store, isovalues, query);
     }
     SECTION("a distance") {
@@ -140,14 +141,16 @@ TEST_CASE("isovalues of floats together give the bytes of each alone, whatever i
         check_same(store, isovalues, query, ".ply", kLittleForStages);
     }
     SECTION("an error, simplified") {
-        query.stop = SimplifiedErrorBound{{0.2}};
+        query.stop = ErrorBound{0.2};
+        query.effort = Effort::best;
         check_same(store, isovalues, query, ".ply", kLittleForStages);
     }
-    SECTION("a number of triangles by the error, which has a search of its own for each") {
-        query.stop = ErrorBudget{800};
+    SECTION("a number of triangles by the error, with a separate search for each isovalue") {
+        query.stop = TriangleBudgetByError{800};
+        query.effort = Effort::none;
         check_same(store, isovalues, query);
     }
-    SECTION("closed, without specks, in a box") {
+    SECTION("closed, without small components, in a box") {
         query.stages = {Outside::below, ComponentChoice{0, 20, 0}};
         query.box = WorldBox{{2.5, 0, 1}, {30, 25.25, 17}};
         check_same(store, isovalues, query);
@@ -155,23 +158,25 @@ TEST_CASE("isovalues of floats together give the bytes of each alone, whatever i
     SECTION("hexahedral cells") {
         query.grid.cells = Cells::hexahedra;
         query.stop = ErrorBound{0.1};
+        query.effort = Effort::none;
         check_same(store, isovalues, query, ".stl");
     }
     SECTION("exact vertices") {
         query.grid.vertices = VertexPlace::exact;
         query.stop = ErrorBound{0.2};
+        query.effort = Effort::none;
         check_same(store, isovalues, query);
     }
 }
 
-TEST_CASE("isovalues beside missing values together give the bytes of each alone") {
+TEST_CASE("isovalues beside missing values extracted together give the bytes of each alone") {
     const Waves subject({30, 25, 19}, [](const Int3& p) {
         return noise(p, 5) < 0.01 ? std::numeric_limits<float>::quiet_NaN() : waves(p);
     });
     check_same(*subject.store, {0.4, -0.3, 1.0}, {});
 }
 
-TEST_CASE("isolines together give the bytes of each alone") {
+TEST_CASE("isolines extracted together give the bytes of each alone") {
     for (const Int3& n : {Int3{61, 45, 1}, Int3{1, 50, 37}}) {
         const Waves subject(n);
         SurfaceQuery query;
@@ -183,7 +188,7 @@ TEST_CASE("isolines together give the bytes of each alone") {
     }
 }
 
-TEST_CASE("many isovalues share what is read, and less of it where memory is short") {
+TEST_CASE("many isovalues share reads, and fewer of them if memory is short") {
     const Waves subject({33, 29, 30});
     std::vector<double> isovalues;
     for (int i = 0; i < 24; ++i) {
@@ -202,10 +207,11 @@ TEST_CASE("many isovalues share what is read, and less of it where memory is sho
     CHECK(little.at_once < isovalues.size());
 }
 
-TEST_CASE("the report of each isovalue is that of it alone but for what is shared") {
+TEST_CASE("the report of each isovalue is the same as alone, except for shared counts") {
     const Waves subject;
     SurfaceQuery query;
     query.stop = ErrorBound{0.1};
+    query.effort = Effort::none;
     const std::vector<double> isovalues{0.4, -0.3, 9.0};
     ExtractOptions options;
     options.quality = true;
@@ -224,7 +230,7 @@ TEST_CASE("the report of each isovalue is that of it alone but for what is share
     CHECK(t.reports[2].triangles == 0);
 }
 
-TEST_CASE("isovalues that make no sense together are refused before anything is written") {
+TEST_CASE("invalid lists of isovalues are refused before anything is written") {
     const Waves subject({9, 9, 9});
     const auto message = [&](const std::vector<double>& isovalues, ErrorKind kind) {
         const TemporaryFolder folder;
@@ -245,17 +251,16 @@ TEST_CASE("isovalues that make no sense together are refused before anything is 
     CHECK_THAT(message({}, ErrorKind::invalid_argument), Contains("no isovalues are given"));
     CHECK_THAT(message({0.5, 1, 0.5}, ErrorKind::invalid_argument), Contains("0.5 is given twice"));
     CHECK_THAT(message({0.0, -0.0}, ErrorKind::invalid_argument), Contains("is given twice"));
-    std::vector<double> many(kMostIsovalues + 1);
+    std::vector<double> many(kMaxIsovalues + 1);
     for (std::size_t i = 0; i < many.size(); ++i) {
         many[i] = 0.01 * static_cast<double>(i);
     }
-    CHECK_THAT(message(many, ErrorKind::limit),
-               Contains("257 isovalues; at most 256") && Contains("in several runs"));
+    CHECK_THAT(message(many, ErrorKind::limit), Contains("257 isovalues") && Contains("256"));
     CHECK(!message({0.5, std::numeric_limits<double>::quiet_NaN()}, ErrorKind::invalid_argument)
                .empty());
 }
 
-TEST_CASE("the isovalues that were finished before a failure stay") {
+TEST_CASE("the isovalues finished before a failure are kept") {
     const Waves subject;
     const TemporaryFolder folder;
     std::vector<std::size_t> finished;
@@ -277,7 +282,7 @@ TEST_CASE("the isovalues that were finished before a failure stay") {
 
 namespace {
 
-/// What comes of a joined mesh, cut into that of each isovalue.
+/// The result for a joined mesh, split into the mesh of each isovalue.
 struct Joined {
     std::vector<Mesh> meshes;  ///< by isovalue
     bool is_double = false;
@@ -348,7 +353,7 @@ void check_joined(const Store& store, const std::vector<double>& isovalues, Surf
 
 }  // namespace
 
-TEST_CASE("a joined mesh has the mesh of each isovalue, one after the other") {
+TEST_CASE("a joined mesh contains the mesh of each isovalue, one after the other") {
     const Waves subject;
     SurfaceQuery query;
     SECTION("full resolution, with normals, and an isovalue without surface in between") {
@@ -359,19 +364,19 @@ TEST_CASE("a joined mesh has the mesh of each isovalue, one after the other") {
         query.stop = DistanceBound{0.4};
         check_joined(*subject.store, {0.4, -0.3}, query);
     }
-    SECTION("a search for each") {
-        query.stop = ErrorBudget{800};
+    SECTION("a search for each isovalue") {
+        query.stop = TriangleBudgetByError{800};
         check_joined(*subject.store, {0.5, -0.25}, query);
     }
 }
 
-TEST_CASE("a joined mesh has the isovalue in float32 where that holds it") {
+TEST_CASE("a joined mesh stores the isovalue as float32 if that is exact") {
     const Waves subject({17, 15, 13});
     CHECK(!joined(*subject.store, {0.5, -0.25}, {}, {}).is_double);
     CHECK(joined(*subject.store, {0.5, 0.3}, {}, {}).is_double);
 }
 
-TEST_CASE("a joined mesh gives sinks that draw the vertices of each element") {
+TEST_CASE("a joined mesh serves sinks that request the vertices of each element") {
     const Waves subject({17, 15, 13});
     const std::vector<double> isovalues{0.5, -0.25, 1};
     std::string triangles;
@@ -384,7 +389,7 @@ TEST_CASE("a joined mesh gives sinks that draw the vertices of each element") {
     CHECK(read_file(folder / "all.stl").substr(84) == triangles);
 }
 
-TEST_CASE("a joined mesh in glTF has the isovalue of each vertex, in float32") {
+TEST_CASE("a joined mesh in glTF has the isovalue of each vertex as float32") {
     const Waves subject({17, 15, 13});
     const std::vector<double> isovalues{0.5, 0.3};
     const TemporaryFolder folder;
@@ -415,7 +420,7 @@ TEST_CASE("a joined mesh in glTF has the isovalue of each vertex, in float32") {
     CHECK(found == expected);
 }
 
-TEST_CASE("a joined mesh of isolines has those of each isovalue") {
+TEST_CASE("a joined mesh of isolines contains those of each isovalue") {
     const Waves subject({61, 45, 1});
     const std::vector<double> isovalues{0.5, -0.25, 1};
     const TemporaryFolder folder;
@@ -439,7 +444,7 @@ TEST_CASE("a joined mesh of isolines has those of each isovalue") {
     CHECK(all.segments == segments);
 }
 
-TEST_CASE("a joined mesh appears whole or not at all") {
+TEST_CASE("a joined mesh is written completely or not at all") {
     const Waves subject({17, 15, 13});
     const TemporaryFolder folder;
     const auto sink = open_mesh_file(folder / "all.ply");

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Labels by their names, and names and colours in what is written: lists, glTF, 3MF, VTK.
+"""Labels selected by name, and names and colours in the outputs: lists, glTF, 3MF, VTK.
 
 usage: label_name_outputs_test.py ISONEST PLUGIN_FOLDER
 """
@@ -42,7 +42,7 @@ def glb_head(path):
 
 
 def linear(shown):
-    """sRGB to linear, as IEC 61966-2-1 says."""
+    """sRGB to linear, by IEC 61966-2-1."""
     part = shown / 255
     return part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4
 
@@ -90,7 +90,7 @@ class LabelNameOutputs(unittest.TestCase):
             for report in (by_id, by_name):
                 self.assertEqual((report["label"], report["name"]), (label, name))
                 self.assertEqual(report.get("color"), list(NAMES[label][1]) if NAMES[label][1] else None)
-        self.assertEqual(self.extract("--label", "12")["label"], 12)  # a number is a number, whatever is called so
+        self.assertEqual(self.extract("--label", "12")["label"], 12)  # a number is always an id, never a name
         self.assertNotIn("name", self.extract("--label", "12"))
         for options in ((), ("--smooth",), ("--close", "--distance", "0.6")):
             self.extract("--label", "liver", *options, name="b.ply")

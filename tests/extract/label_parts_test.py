@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Components of smooth labels: which there are by filling the volume's nodes, which are kept by searching whole meshes.
+"""Components of smooth labels: the expected ones by flood fill of the volume's nodes, those kept by a search of whole
+meshes.
 
 usage: label_parts_test.py ISONEST PLUGIN_FOLDER
 """
@@ -17,18 +18,18 @@ import smooth_labels_test as nets
 from ply import read_points
 
 run = nets.run
-CORNERS = np.ones((3, 3, 3))  # nodes hang together that have a cell in common
+CORNERS = np.ones((3, 3, 3))  # nodes with a common cell are connected
 
 
 def held_by(wall):
-    """The nodes inside of a set of nodes, and those of the set itself."""
+    """The nodes inside a set of nodes, and those of the set itself."""
     others, _ = filled(~wall, CORNERS)
     return others != others[0, 0, 0]
 
 
 def parts_of(nodes):
-    """The walls between what hangs together of some nodes and what hangs together of all others: how many triangles
-    each has, the nodes inside of it, and whether the nodes are on that side."""
+    """The boundaries between the connected components of some nodes and those of all others: for each, the number of
+    triangles, the nodes inside it, and whether the nodes are on that side."""
     nodes = np.pad(nodes, 1)
     own, _ = filled(nodes, CORNERS)
     other, _ = filled(~nodes, CORNERS)
@@ -49,7 +50,8 @@ def parts_of(nodes):
 
 
 def components_of(points, faces):
-    """Of a mesh: the number of each triangle's component, in the order of their lowest vertices; and how many."""
+    """For a mesh: the component number of each triangle, in the order of their lowest vertices; and the number of
+    components."""
     edges = np.concatenate([faces[:, :2], faces[:, 1:]])
     count, number = connected_components(coo_matrix((np.ones(len(edges)), edges.T), (len(points),) * 2), directed=False)
     _, first = np.unique(number, return_index=True)
@@ -59,7 +61,7 @@ def components_of(points, faces):
 
 
 def volumes_of(points, faces, component, count):
-    """By the divergence theorem; infinite for those with a border."""
+    """Volumes by the divergence theorem; infinite for components with a border."""
     t = points.astype(float)[faces]
     volume = np.abs(np.bincount(component, (t[:, 0] * np.cross(t[:, 1], t[:, 2])).sum(1) / 6, count))
     steps = np.concatenate([faces[:, [i, (i + 1) % 3]] for i in range(3)])
@@ -76,7 +78,7 @@ def volumes_of(points, faces, component, count):
 
 
 def hollow():
-    """A solid with two voids, one of them with a grain inside, and specks, of which two touch by a corner."""
+    """A solid with two voids, one of them with a grain inside, and specks, two of which touch at a corner."""
     data = np.zeros((14, 16, 30), "u1")
     data[2:12, 2:12, 2:20] = 1
     data[4:9, 4:9, 4:9] = 0
@@ -98,7 +100,7 @@ class LabelParts(nets.LabelMeshes):
                     (0, ("--components", "all"), lambda part: True),
                     (5, ("--min-component", least), lambda part: part[0] >= least),
                     (16, ("--min-component", sizes[-1] + 1), lambda part: False),
-                    # At 0 passes the mesh is the faces of the voxels, whose number is its volume.
+                    # With 0 passes the mesh is the faces of the voxels, and its volume is their number.
                     (0, ("--min-volume", 2.5), lambda part: part[1].sum() > 2)):
                 with self.subTest(volume=name, choice=choice):
                     meshes, listed = self.meshes(store, f"--smooth={passes}", "--close", *choice)
@@ -169,7 +171,7 @@ class LabelParts(nets.LabelMeshes):
         store = self.store(hollow())
         one = ("extract", store, "--label", 1, "--smooth", "--close")
         done = json.loads(run(*one, "--components", "largest", "-o", self.here / "a.ply", "--json").stdout)
-        # The solid's outside; two voids' walls, the grain, two specks that touch, and one more.
+        # The solid's outside; the two voids, the grain, two specks that touch, and one more.
         self.assertEqual((done["components"], done["dropped_components"]), (6, 5))
         self.assertGreater(done["volume"], 10 * 10 * 17)  # without the voids
         self.assertEqual(done["border_vertices"], 0)
@@ -182,7 +184,7 @@ class LabelParts(nets.LabelMeshes):
         said = run(*several, "--components", 1).stdout
         self.assertIn("in all labels 8 components, 6 of them dropped", said)
         self.assertIn("but those of dropped components", said)
-        # A place of its own, and axes that are turned: the volume is that of the mesh in the volume's own axes.
+        # With an origin and rotated axes: the volume is that of the mesh in the volume's own axes.
         (self.here / "turned.nrrd").write_bytes(
             b"NRRD0004\ntype: uint8\ndimension: 3\nspace dimension: 3\nsizes: 30 16 14\n"
             b"space directions: (0.6,0.8,0) (-0.8,0.6,0) (0,0,1)\nspace origin: (5,-7,3)\nencoding: raw\n\n" +

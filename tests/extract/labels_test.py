@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Surfaces of labels against those of each label's own binary volume.
+"""Surfaces of labels compared with those of each label's own binary volume.
 
 usage: labels_test.py ISONEST PLUGIN_FOLDER
 """
@@ -87,7 +87,7 @@ class Labels(unittest.TestCase):
                         run("extract", store, "--label", entry["id"], "-o", self.here / "one.ply", *options)
                         bytes_of[key] = (self.here / "one.ply").read_bytes()
                     self.assertEqual(mesh, bytes_of[key])
-                self.assertEqual(len(list(folder.iterdir())), len(ids) + 1)  # nothing else is left there
+                self.assertEqual(len(list(folder.iterdir())), len(ids) + 1)  # there is no other file
 
     def test_labels_of_64_bits(self):
         ids = np.array([7, 2**53 + 1, 720575940627185911, 720575940627185912, 2**62 - 1], "u8")
@@ -111,13 +111,13 @@ class Labels(unittest.TestCase):
                 same = self.store((data == label).astype("u1"), "b")
                 run("extract", same, "--iso", 0.5, "-o", self.here / "b.ply")
                 self.assertEqual((self.here / "m" / f"{label}.ply").read_bytes(), (self.here / "b.ply").read_bytes())
-            self.assertIn("labels of 64 bits", run("extract", store, "--iso", 3, "-o", self.here / "a.ply", code=2).stderr)
+            self.assertRegex(run("extract", store, "--iso", 3, "-o", self.here / "a.ply", code=2).stderr, "64-bit labels")
             run("check", store, "--source", self.here / volume, "--labels", *more)
         np.save(self.here / "w.npy", data + np.uint64(2**62))
         self.assertIn("2^62", run("preprocess", self.here / "w.npy", "-o", store, "--labels", "--force", code=5).stderr)
 
     def test_labels_of_64_bits_leave_as_integers(self):
-        """By every way out, as other programs read it; what would calculate with labels is refused."""
+        """Names in every output, as other programs read them; queries that calculate with labels are refused."""
         ids = np.array([0, 3, 2**53 + 1, 720575940627185911, 2**62 - 1])
         data = cells((7, 9, 11), 12, np.tile(ids, 4), background=False)
         store = self.store(data, "w", "--labels")
@@ -181,7 +181,7 @@ class Labels(unittest.TestCase):
                       ["extract", "--label", 3, "--vertex-error", "deviation_bar", "-o", out / "a.ply"],
                       ["extract", "--label", 3, "--vertex-values", store, "-o", out / "a.ply"]):
             with self.subTest(words=words):
-                self.assertIn("labels of 64 bits", run(words[0], store, *words[1:], code=5).stderr)
+                self.assertRegex(run(words[0], store, *words[1:], code=5).stderr, "labels of 64 bits|64-bit labels")
 
     def test_a_label_of_64_bits_can_be_missing(self):
         data = np.arange(27).reshape(3, 3, 3) % 4
@@ -196,7 +196,7 @@ class Labels(unittest.TestCase):
                                           self.here / "x.isonest", code=2).stderr)
 
     def behind(self, path, said, end, shape):
-        """The int64 numbers behind a header that ends so."""
+        """The int64 numbers after a header that ends in this way."""
         header, numbers = path.read_bytes().split(end, 1)
         self.assertIn(said, header + end)
         return np.frombuffer(numbers, "<i8").reshape(shape)
@@ -238,7 +238,7 @@ class Labels(unittest.TestCase):
         store = self.store(cells((9, 9, 9), 4, np.array([2, 3, 5, 8], "u1")))
         for options in (("--error", 1), ("--iso", 1), ("--view", "1,0,0"), ("--graph",)):
             run("extract", store, "--label", 3, "-o", self.here / "a.ply", *options, code=2)
-        self.assertIn("no node", run("extract", store, "--label", 77, "-o", self.here / "a.ply").stdout)
+        self.assertIn("has the label 77", run("extract", store, "--label", 77, "-o", self.here / "a.ply").stdout)
         self.assertIn("uint8", run("extract", store, "--label", 300, "-o", self.here / "a.ply", code=2).stderr)
         flat = self.store(np.arange(20, dtype="u1").reshape(1, 4, 5), "flat")
         run("extract", flat, "--label", 3, "-o", self.here / "a.vtp", code=2)

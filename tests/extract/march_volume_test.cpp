@@ -1,5 +1,5 @@
-// Surfaces straight from volumes: the triangles and vertices that a store's hexahedra have at full
-// resolution, to the last bit, and the same bytes for any threads, memory and way to read.
+// Surfaces directly from volumes: bit for bit the triangles and vertices of a store's hexahedra at
+// full resolution, and the same bytes for any threads, memory and way of reading.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -13,6 +13,9 @@
 #include <isonest/memory_volume.h>
 #include <isonest/preprocess.h>
 
+#include "query/mesh/mend_triangles.h"
+#include "query/mesh/vertex_stars.h"
+#include "query/slabs/mend_slabs.h"
 #include "tests/support/test_support.h"
 #include "tests/support/whole_mesh.h"
 
@@ -50,13 +53,14 @@ void from_store(Marched& to, VolumeSource& volume, double iso) {
     to.report = extract(Store(folder / "s"), query, to.mesh);
 }
 
-/// A corner with its normal, a triangle from its smallest corner on, and all at one vertex.
+/// A corner with its normal, a triangle starting at its smallest corner, and all triangles at one
+/// vertex.
 using Corner = std::array<float, 6>;
 using Triangle = std::array<Corner, 3>;
 using Star = std::vector<Triangle>;
 
-/// The triangles around each vertex, without the numbers of vertices. Sheets that touch in a point
-/// have vertices of their own there, and so stars of their own.
+/// The triangles around each vertex, without vertex numbers. Sheets that touch in a point have
+/// separate vertices there, and so separate stars.
 std::vector<Star> stars_of(const MeshCollector& mesh) {
     std::vector<Star> stars(mesh.vertices.size());
     for (const auto& t : mesh.triangles) {
@@ -82,7 +86,7 @@ bool same_arrays(const MeshCollector& a, const MeshCollector& b) {
     return a.vertices == b.vertices && a.triangles == b.triangles && a.normals == b.normals;
 }
 
-/// Its numbers where they lie, as those of an array.
+/// Returns its values as mapped memory, like an array.
 template <class T>
 class Mapped : public FunctionVolume<T> {
   public:
@@ -90,7 +94,7 @@ class Mapped : public FunctionVolume<T> {
     [[nodiscard]] std::span<const std::byte> mapped() const override {
         return std::as_bytes(std::span(numbers_));
     }
-    /// From the source itself, once it is made.
+    /// Fills the mapped values from the source itself; to be called after construction.
     void map() {
         numbers_.resize(static_cast<std::size_t>(this->nodes().product()));
         this->read(0, this->nodes().z, 0, this->nodes().y,
@@ -104,7 +108,7 @@ class Mapped : public FunctionVolume<T> {
 template <class T>
 using Function = std::function<T(const Int3&)>;
 
-/// Everything that has to be the same, of one volume.
+/// Checks everything that must be equal for one volume.
 template <class T>
 void check_volume(const Int3& nodes, double iso, const Function<T>& f) {
     Mapped<T> volume(nodes, f);
@@ -117,7 +121,7 @@ void check_volume(const Int3& nodes, double iso, const Function<T>& f) {
     CAPTURE(nodes.x, nodes.y, nodes.z, iso, name_of(value_type_of<T>));
     CHECK(one.mesh.triangles.size() == stored.mesh.triangles.size());
     CHECK(one.mesh.vertices.size() == stored.mesh.vertices.size());
-    // Triangles without area are mended in the order of the mesh, which is another one.
+    // Triangles without area are mended in the order of the mesh, which differs.
     const bool mended = stored.report.mending.mended > 0;
     CHECK((one.report.mending.mended > 0) == mended);
     CHECK(one.report.mending.zero_area == stored.report.mending.zero_area);
@@ -141,7 +145,7 @@ void check_volume(const Int3& nodes, double iso, const Function<T>& f) {
         march(other, volume, iso, with_threads(threads));
         CHECK(same_arrays(one.mesh, other.mesh));
     }
-    // Read, a few planes at a time, in slabs of one layer.
+    // Read a few planes at a time, in slabs of one layer.
     FunctionVolume<T> read(nodes, f);
     read.spacing_ = volume.spacing_;
     read.granularity_ = {4, 2};
@@ -170,29 +174,29 @@ template <class T>
 void check_type() {
     for (const Int3& nodes : shapes) {
         check_volume<T>(nodes, 50.5, wave<T>);
-        check_volume<T>(nodes, 50, wave<T>);          // nodes on the surface here and there
-        check_volume<T>(nodes, 2, small_integer<T>);  // and nearly everywhere
+        check_volume<T>(nodes, 50, wave<T>);          // a few nodes on the surface
+        check_volume<T>(nodes, 2, small_integer<T>);  // nearly all nodes on the surface
         check_volume<T>(nodes, 1.5, small_integer<T>);
     }
 }
 
 }  // namespace
 
-TEST_CASE("Integers have the surfaces of their stores") {
+TEST_CASE("Integers give the same surfaces as their stores") {
     check_type<std::uint8_t>();
     check_type<std::int8_t>();
     check_type<std::uint16_t>();
     check_type<std::int16_t>();
 }
 
-TEST_CASE("Wide integers and floats have the surfaces of their stores") {
+TEST_CASE("Wide integers and floats give the same surfaces as their stores") {
     check_type<std::uint32_t>();
     check_type<std::int32_t>();
     check_type<float>();
     check_type<double>();
 }
 
-TEST_CASE("The ends of integers' ranges are marched as what they are") {
+TEST_CASE("The extremes of integer types are marched as ordinary values") {
     const auto ends = []<class T>(T /*type*/) {
         const Function<T> f = [](const Int3& p) {
             return noise(p) < 0.5 ? std::numeric_limits<T>::lowest()
@@ -211,7 +215,7 @@ TEST_CASE("The ends of integers' ranges are marched as what they are") {
     ends(std::int32_t{});
 }
 
-TEST_CASE("Numbers near the ends of floats are marched without overflow") {
+TEST_CASE("Values near the limits of floating-point types are marched without overflow") {
     const auto ends = []<class T>(T /*type*/) {
         const Function<T> f = [](const Int3& p) {
             return static_cast<T>((noise(p) - 0.5) * 2) * std::numeric_limits<T>::max();
@@ -247,7 +251,7 @@ TEST_CASE("Cells with a missing corner have no surface") {
     holes(double{});
 }
 
-TEST_CASE("Constant volumes have no surface, also at the isovalue, and plateaus have theirs") {
+TEST_CASE("Constant volumes have no surface, even at the isovalue, and plateaus have one") {
     check_volume<float>({9, 8, 7}, 1, [](const Int3&) { return 1.0F; });
     check_volume<float>({9, 8, 7}, 0.5, [](const Int3&) { return 1.0F; });
     check_volume<float>({20, 18, 27}, 1, [](const Int3& p) {
@@ -259,7 +263,7 @@ TEST_CASE("Constant volumes have no surface, also at the isovalue, and plateaus 
     });
 }
 
-TEST_CASE("Sheets between slabs are closed and manifold where nodes have the isovalue") {
+TEST_CASE("Sheets between slabs are closed and manifold with nodes at the isovalue") {
     FunctionVolume<std::uint8_t> volume({30, 28, 41}, [](const Int3& p) {
         return static_cast<std::uint8_t>(p.x % 29 == 0 || p.y % 27 == 0 || p.z % 40 == 0
                                              ? 0.0
@@ -274,7 +278,7 @@ TEST_CASE("Sheets between slabs are closed and manifold where nodes have the iso
     }
 }
 
-TEST_CASE("Arrays of any strides have one mesh") {
+TEST_CASE("Arrays of any strides give the same mesh") {
     const Int3 nodes{13, 12, 21};
     std::vector<float> dense;
     std::vector<float> turned(static_cast<std::size_t>(nodes.product()));
@@ -296,8 +300,8 @@ TEST_CASE("Arrays of any strides have one mesh") {
     CHECK(same_arrays(a.mesh, b.mesh));
 }
 
-TEST_CASE("Triangles that float32 leaves without area are mended") {
-    // So far from the origin that a distance between nodes has 16 steps.
+TEST_CASE("Triangles whose area vanishes in float32 are mended") {
+    // So far from the origin that float32 has only 16 steps between neighbouring nodes.
     std::vector<float> values;
     const Int3 nodes{30, 31, 32};
     for (std::int64_t i = 0; i < nodes.product(); ++i) {
@@ -322,7 +326,157 @@ TEST_CASE("Triangles that float32 leaves without area are mended") {
     CHECK(faults.misoriented_edges == 0);
 }
 
-TEST_CASE("The range of a volume is that of its finite values") {
+namespace {
+
+/// Vertices in the order of their first use by triangles; removed triangles are left out.
+void number_as_named(MeshCollector& mesh) {
+    std::vector<std::uint32_t> number(mesh.vertices.size(), NumberedSlab::kNoNumber);
+    MeshCollector named;
+    for (auto t : mesh.triangles) {
+        if (t[0] == kNoTriangle) {
+            continue;
+        }
+        for (std::uint32_t& v : t) {
+            if (number[v] == NumberedSlab::kNoNumber) {
+                number[v] = static_cast<std::uint32_t>(named.vertices.size());
+                named.vertices.push_back(mesh.vertices[v]);
+            }
+            v = number[v];
+        }
+        named.triangles.push_back(t);
+    }
+    mesh.vertices = named.vertices;
+    mesh.triangles = named.triangles;
+}
+
+/// A slab's own copy of the data that NumberedSlab refers to.
+struct SlabOfMesh {
+    std::vector<std::array<float, 3>> positions;
+    std::vector<std::array<std::uint32_t, 3>> triangles;
+    std::vector<std::uint32_t> number;
+    std::vector<std::uint32_t> flat;
+    std::uint64_t first_vertex = 0;
+    std::uint64_t first_triangle = 0;
+};
+
+/// Triangles begin ... end - 1 with their vertices, in descending order. `named`: vertices of the
+/// triangles before.
+SlabOfMesh slab_of(const MeshCollector& mesh, std::size_t begin, std::size_t end,
+                   std::uint64_t& named) {
+    SlabOfMesh slab;
+    slab.first_vertex = named;
+    slab.first_triangle = begin;
+    for (std::size_t i = begin; i < end; ++i) {
+        const auto& t = mesh.triangles[i];
+        slab.number.insert(slab.number.end(), t.begin(), t.end());
+        named = std::max<std::uint64_t>(named, *std::max_element(t.begin(), t.end()) + 1ULL);
+        if (has_no_area(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]])) {
+            slab.flat.push_back(static_cast<std::uint32_t>(i - begin));
+        }
+    }
+    std::sort(slab.number.rbegin(), slab.number.rend());
+    slab.number.erase(std::unique(slab.number.begin(), slab.number.end()), slab.number.end());
+    for (const std::uint32_t v : slab.number) {
+        slab.positions.push_back(mesh.vertices[v]);
+    }
+    for (std::size_t i = begin; i < end; ++i) {
+        auto& t = slab.triangles.emplace_back(mesh.triangles[i]);
+        for (std::uint32_t& v : t) {
+            v = static_cast<std::uint32_t>(std::find(slab.number.begin(), slab.number.end(), v) -
+                                           slab.number.begin());
+        }
+    }
+    return slab;
+}
+
+/// `now` gets the mesh after the changes.
+void change(const MeshCollector& mesh, const MeshChanges& changes, MeshCollector& now) {
+    now.vertices.resize(mesh.vertices.size() - changes.gone_vertices());
+    now.triangles.resize(mesh.triangles.size() - changes.gone_triangles());
+    MeshCollector before;
+    before.vertices = mesh.vertices;
+    before.triangles = mesh.triangles;
+    for (const MeshChanges::Moved& m : changes.moved()) {
+        before.vertices[m.vertex] = m.to;
+    }
+    for (const MeshChanges::Changed& c : changes.changed()) {
+        before.triangles[c.triangle] = c.corners;
+    }
+    for (std::uint32_t v = 0; v < before.vertices.size(); ++v) {
+        const std::uint32_t number = changes.vertex_now(v);
+        CHECK(number == changes.numbers(v - v % 100, v + 100)(v));
+        if (number != MeshChanges::kGone) {
+            now.vertices.at(number) = before.vertices[v];
+        }
+    }
+    for (std::size_t i = 0; i < before.triangles.size(); ++i) {
+        auto t = before.triangles[i];
+        if (t[0] != kNoTriangle) {
+            std::transform(t.begin(), t.end(), t.begin(),
+                           [&](std::uint32_t v) { return changes.vertex_now(v); });
+            now.triangles.at(changes.triangle_now(i)) = t;
+        }
+    }
+}
+
+}  // namespace
+
+TEST_CASE("Mending slabs gives the same mesh as mending the whole mesh") {
+    FunctionVolume<float> volume(
+        Int3{14, 15, 16}, [](const Int3& p) { return static_cast<float>(smooth(p) + noise(p)); });
+    Marched marched;
+    march(marched, volume, 0.3);
+    std::uint64_t collapsed = 0;
+    std::uint64_t moved_vertices = 0;
+    // With this rounding, few or many triangles lose their area.
+    for (const float steps : {128.0F, 32.0F, 8.0F, 2.0F}) {
+        MeshCollector& mesh = marched.mesh;
+        for (auto& p : mesh.vertices) {
+            for (float& x : p) {
+                x = std::round(x * steps) / steps;
+            }
+        }
+        const std::array<float, 3> lo{0, 0, 0};
+        const std::array<float, 3> hi{13, 14, 15};
+        const Double3 min_step{kMinNudge, kMinNudge, kMinNudge};
+        const TemporaryFolder folder;
+        MeshCollector whole;
+        whole.vertices = mesh.vertices;
+        whole.triangles = mesh.triangles;
+        std::vector<std::uint32_t> moved;
+        const MendedTriangles mended =
+            mend_triangles(whole.vertices, whole.triangles, lo, hi, min_step, moved, folder.path(),
+                           silent_progress());
+        REQUIRE(mended.found > 0);
+        number_as_named(whole);
+        for (const std::size_t size : {mesh.triangles.size(), std::size_t{500}, std::size_t{37}}) {
+            std::vector<SlabOfMesh> parts;
+            std::uint64_t named = 0;
+            for (std::size_t i = 0; i < mesh.triangles.size(); i += size) {
+                parts.push_back(slab_of(mesh, i, std::min(i + size, mesh.triangles.size()), named));
+            }
+            std::vector<NumberedSlab> slabs;
+            for (const SlabOfMesh& p : parts) {
+                slabs.push_back(
+                    {p.positions, p.triangles, p.number, p.flat, p.first_vertex, p.first_triangle});
+            }
+            const MeshChanges changes(slabs, lo, hi, min_step, folder.path(), silent_progress());
+            CAPTURE(steps, size, mended.found);
+            CHECK(changes.mended().found == mended.found);
+            CHECK(changes.mended().left == mended.left);
+            CHECK(changes.moved().size() == moved.size());
+            MeshCollector now;
+            change(mesh, changes, now);
+            CHECK(same_arrays(now, whole));
+            collapsed += changes.gone_vertices();
+            moved_vertices += changes.moved().size();
+        }
+    }
+    CHECK(collapsed > 0);
+    CHECK(moved_vertices > 0);
+}
+
+TEST_CASE("The range of a volume covers its finite values only") {
     FunctionVolume<float> volume({33, 9, 20}, [](const Int3& p) {
         return p == Int3{32, 8, 19} ? -7.0F
                : p == Int3{0, 0, 0} ? 1e30F
@@ -337,7 +491,7 @@ TEST_CASE("The range of a volume is that of its finite values") {
     CHECK(finite_range(full) == std::pair{255.0, 255.0});
 }
 
-TEST_CASE("What cannot be marched is refused") {
+TEST_CASE("Volumes that cannot be marched are refused") {
     const auto kind_of = [](VolumeSource& volume, double iso, const ExtractOptions& options = {}) {
         try {
             Marched to;

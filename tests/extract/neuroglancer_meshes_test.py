@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Neuroglancer's meshes of several levels of detail, read as their specification says, against the meshes of .ply.
+"""Neuroglancer's meshes with several levels of detail, read by their specification and compared with .ply meshes.
 
-Fragments are unpacked by draco_decoder. Distances are those of isonest_mesh_distance, a program with none of the
-library's code.
+Fragments are decoded by draco_decoder. Distances are measured by isonest_mesh_distance, a program that shares no code
+with the library.
 
 usage: neuroglancer_meshes_test.py ISONEST PLUGIN_FOLDER
 """
@@ -32,7 +32,7 @@ ISONEST = pathlib.Path(sys.argv[1])
 os.environ["HDF5_PLUGIN_PATH"] = sys.argv[2]
 RANDOM = np.random.default_rng(33)
 MOST = 65535
-MIDDLE = 32768  # where Neuroglancer has the middle plane of a fragment
+MIDDLE = 32768  # where Neuroglancer places the middle plane of a fragment
 EXTRACT = ("--labels", "all", "--format", "neuroglancer-multilod")
 
 Level = collections.namedtuple("Level", "scale cells sizes fragments")  # a fragment: corners in the cell, triangles
@@ -53,12 +53,12 @@ def read_ply(path):
 
 
 def unpack(raw, folder):
-    """The corners of a fragment, whole numbers, and its triangles."""
+    """The corners of a fragment as integers, and its triangles."""
     (folder / "f.drc").write_bytes(raw)
     subprocess.run(["draco_decoder", "-i", folder / "f.drc", "-o", folder / "f.ply"], check=True, capture_output=True)
     head, body = (folder / "f.ply").read_bytes().split(b"end_header\n", 1)
     words = head.decode().split()
-    assert words.count("int") == 4 and "float" not in words, head  # positions were not scaled by Draco
+    assert words.count("int") == 4 and "float" not in words, head  # Draco did not scale the positions
     vertices, faces = (int(words[words.index("element", at) + 2]) for at in (0, words.index("element") + 1))
     corners = np.frombuffer(body, "<i4", 3 * vertices).reshape(-1, 3)
     rows = np.frombuffer(body, np.dtype([("n", "u1"), ("v", "<i4", 3)]), faces, 12 * vertices)
@@ -71,7 +71,7 @@ def z_order(cell):
 
 
 class Mesh:
-    """A label's mesh, in all levels."""
+    """A label's mesh, in all levels of detail."""
 
     def __init__(self, folder, label, scratch):
         raw = (folder / f"{label}.index").read_bytes()
@@ -94,7 +94,7 @@ class Mesh:
         assert at == len(raw) and start == len(data)
 
     def whole(self, level):
-        """All of a level, as corners in 1/65535 of its cells from the grid's origin, each once, and triangles."""
+        """A whole level: corners in 1/65535 of its cells from the grid's origin, without duplicates, and triangles."""
         corners, faces, first = [], [], 0
         for cell, fragment in zip(self.levels[level].cells, self.levels[level].fragments):
             if fragment:
@@ -107,13 +107,13 @@ class Mesh:
         return points, number[np.concatenate(faces)]
 
     def placed(self, level):
-        """The same with corners in distances between nodes."""
+        """The same with corners in units of the node distance."""
         corners, faces = self.whole(level)
         return self.origin + self.moved[level] + self.chunk * 2**level * (corners / MOST), faces
 
 
 def open_edges(faces):
-    """Those that triangles pass more often in one direction than in the other."""
+    """The edges that triangles traverse more often in one direction than in the other."""
     edges = collections.Counter()
     for a, b in np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).tolist():
         edges[a, b] += 1
@@ -138,14 +138,14 @@ class NeuroglancerMeshes(unittest.TestCase):
         return self.folder / "s.isonest"
 
     def extract(self, store, *options):
-        """The folder, and what is said of the labels."""
+        """The folder, and the report on the labels."""
         shutil.rmtree(self.folder / "m", ignore_errors=True)
         run("extract", store, *EXTRACT, "-o", self.folder / "m", *options)
         listed = json.loads((self.folder / "m" / "labels.json").read_text())
         return self.folder / "m", listed["labels"]
 
     def require_tree(self, mesh):
-        """As Neuroglancer goes through it: from above, by nodes in the order of the Z-curve."""
+        """Traverses the octree as Neuroglancer does: from the top, nodes in the order of the Z-curve."""
         for level, (scale, cells_, sizes, fragments) in enumerate(mesh.levels):
             self.assertGreater(scale, 0)
             order = [z_order(cell) for cell in cells_]
@@ -164,12 +164,12 @@ class NeuroglancerMeshes(unittest.TestCase):
                 if level > 0:
                     least, most = corners[faces].min(1), corners[faces].max(1)
                     self.assertFalse(((least < MIDDLE) & (most > MIDDLE)).any())
-                    # What is drawn below in place of an eighth of it is a node, if an empty one.
+                    # Each eighth into which this fragment reaches has a node on the finer level, possibly an empty one.
                     eighths = {*map(tuple, (cell * 2 + (most > MIDDLE)).tolist())}
                     self.assertLessEqual(eighths, below)
 
     def distance(self, a, b):
-        """Of two meshes, in both directions."""
+        """Distance of two meshes, in both directions."""
         for name, mesh in (("a", a), ("b", b)):
             write_ply(self.folder / f"{name}.ply", *mesh)
         found = json.loads(subprocess.run(
@@ -178,7 +178,7 @@ class NeuroglancerMeshes(unittest.TestCase):
         return max(found[side]["max"] for side in ("a_to_b", "b_to_a"))
 
     def require_near(self, labels, spacing, *options, closed=True, smooth="--smooth"):
-        """All levels of all labels, compared with the .ply of the full net."""
+        """Compares all levels of all labels with the .ply of the full net."""
         store = self.store(labels + 1, "--spacing", ",".join(map(str, spacing)))
         close = ("--close",) if closed else ()
         folder, listed = self.extract(store, smooth, *close, *options)
@@ -199,10 +199,10 @@ class NeuroglancerMeshes(unittest.TestCase):
                 self.assertEqual(said["triangles"], len(faces))
                 self.assertEqual(said["fragments"], sum(size > 0 for size in level.sizes))
                 self.assertEqual(said["bytes"], sum(level.sizes))
-                # The scale is in nodes where they are furthest apart, and what is rounded is not in it.
+                # The scale is in units of the largest node distance, and does not include the rounding.
                 step = mesh.chunk[0] * 2**number / MOST / 2 * np.linalg.norm(spacing)
                 self.assertLessEqual(said["distance_bound"], level.scale * max(spacing) + step if number else np.inf)
-                # Coordinates of a .ply file are rounded, too.
+                # Coordinates in a .ply file are rounded, too.
                 room = 4 * np.spacing(np.float32(np.abs(full[0]).max(initial=1)))
                 self.assertLessEqual(self.distance(full, (whole, faces)), said["distance_bound"] * (1 + 1e-5) + room)
                 if closed:
@@ -248,7 +248,7 @@ class NeuroglancerMeshes(unittest.TestCase):
             self.assertTrue(all(len(levels) > 1 for levels in counts), counts)
 
     def test_places_in_the_world(self):
-        """Nanometres, and turned axes."""
+        """Units of nanometres, and rotated axes."""
         labels = cells(RANDOM, (20, 24, 70), 4, 3)
         (self.folder / "t.nrrd").write_bytes(
             b"NRRD0004\ntype: uint16\ndimension: 3\nsizes: 70 24 20\nendian: little\nspace dimension: 3\n"
@@ -266,7 +266,7 @@ class NeuroglancerMeshes(unittest.TestCase):
             self.assertLess(self.distance((points / 1000, faces), (full, full_faces)), 1e-3)
 
     def test_over_a_precomputed_volume_voxels_begin_at_their_corners(self):
-        """A box of voxels, which fills there what it fills in the volume: voxel i is from i to i + 1 resolutions."""
+        """A box of voxels covers the same space as in the volume: voxel i extends from i to i + 1 resolutions."""
         labels = np.zeros((9, 8, 7), int)
         labels[2:6, 3:5, 1:6] = 5  # z, y, x
         spacing, origin = np.array((4, 8, 2)), np.array((40, 0, -6))
@@ -293,7 +293,7 @@ class NeuroglancerMeshes(unittest.TestCase):
         for options in (("--threads", 1), ("--threads", 3), ("--memory", "150M", "--threads", 2)):
             folder, _ = self.extract(store, "--smooth", *options)
             found = {path.name: path.read_bytes() for path in folder.iterdir()}
-            found["labels.json"] = b""  # it has times
+            found["labels.json"] = b""  # it contains times
             self.assertEqual(files or found, found)
             files = found
 
@@ -345,7 +345,7 @@ class NeuroglancerMeshes(unittest.TestCase):
             self.assertEqual([path.name for path in (self.folder / "none").iterdir()], [])
         np.save(self.folder / "n.npy", np.arange(64, dtype="i2").reshape(4, 4, 4) // 8 - 3)
         run("preprocess", self.folder / "n.npy", "-o", self.folder / "n.isonest")
-        self.assertIn("below 0", run("extract", self.folder / "n.isonest", *EXTRACT, "--smooth", "-o", self.folder / "none",
+        self.assertIn("negative labels", run("extract", self.folder / "n.isonest", *EXTRACT, "--smooth", "-o", self.folder / "none",
                                      code=2).stderr)
 
 

@@ -1,10 +1,10 @@
-// Data in a plane: isolines and the graph.
+// Two-dimensional data: isolines and the graph.
 #include <catch2/catch.hpp>
 #include <set>
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/wrapping/missing_source.h"
+#include "preprocess/sources/wrapping/scaled_source.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -49,7 +49,7 @@ double plan_area(const Mesh& mesh) {
         const auto& b = mesh.vertices[t[1]];
         const auto& c = mesh.vertices[t[2]];
         const double twice = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-        CHECK(twice > 0);  // faces up
+        CHECK(twice > 0);  // it faces upward
         sum += twice / 2;
     }
     return sum;
@@ -57,7 +57,7 @@ double plan_area(const Mesh& mesh) {
 
 }  // namespace
 
-TEST_CASE("isolines stay within the error and end only on the border") {
+TEST_CASE("isolines are within the error and end only on the border") {
     for (const Int3& n : {Int3{33, 33, 1}, Int3{50, 21, 1}, Int3{40, 1, 37}, Int3{1, 20, 45}}) {
         FunctionVolume<double> volume(n, [&](const Int3& p) {
             return n.z == 1 ? map(p) : n.y == 1 ? map({p.x, p.z, 0}) : map({p.y, p.z, 0});
@@ -118,7 +118,7 @@ TEST_CASE("isolines of integers pass through nodes without gaps") {
     }
 }
 
-TEST_CASE("an isoline along the border is all there, where another border cuts cells") {
+TEST_CASE("an isoline along the border is complete, even if another border clips cells") {
     for (const int axis : {0, 1}) {
         for (const std::int64_t at : {std::int64_t{0}, std::int64_t{6}}) {
             CAPTURE(axis, at);
@@ -137,7 +137,7 @@ TEST_CASE("an isoline along the border is all there, where another border cuts c
     }
 }
 
-TEST_CASE("isolines are cut at a box") {
+TEST_CASE("isolines are clipped at a box") {
     FunctionVolume<double> volume({33, 33, 1}, [](const Int3& p) {
         return static_cast<double>(p.x) + 0.01 * static_cast<double>(p.y);
     });
@@ -157,7 +157,7 @@ TEST_CASE("isolines are cut at a box") {
     CHECK(length == Approx(6.75));
 }
 
-TEST_CASE("the graph covers the plane, is whole and within the error") {
+TEST_CASE("the graph covers the plane, has no cracks and is within the error") {
     for (const Int3& n : {Int3{33, 33, 1}, Int3{50, 21, 1}, Int3{2, 9, 1}}) {
         FunctionVolume<double> volume(n, map);
         for (const double error : {0.0, 0.1, 0.4}) {
@@ -187,7 +187,7 @@ TEST_CASE("the graph covers the plane, is whole and within the error") {
     }
 }
 
-TEST_CASE("a graph beyond 32-bit floats is refused, and fits with another scale") {
+TEST_CASE("a graph beyond the range of float32 is refused, and written with another scale") {
     FunctionVolume<double> volume({9, 9, 1}, [](const Int3& p) { return 1e300 * map(p); });
     CHECK_THROWS_AS(graph(volume, 0), Error);
     for (const auto& v : graph(volume, 0, 1e-299).vertices) {
@@ -195,7 +195,7 @@ TEST_CASE("a graph beyond 32-bit floats is refused, and fits with another scale"
     }
 }
 
-TEST_CASE("missing values cut holes into the graph, and --missing makes them of integers") {
+TEST_CASE("missing values leave holes in the graph, and --missing declares integers as missing") {
     auto inner = std::make_unique<FunctionVolume<std::int16_t>>(Int3{20, 20, 1}, [](const Int3& p) {
         return static_cast<std::int16_t>(p.x >= 5 && p.x <= 8 && p.y >= 5 && p.y <= 9 ? -32768
                                                                                       : p.x * p.y);
@@ -208,20 +208,20 @@ TEST_CASE("missing values cut holes into the graph, and --missing makes them of 
     options.graph_scale = 1;
     options.error = 3;
     extract(StoreReader(folder / "s"), folder / "m.ply", options, silent_progress());
-    // Every triangle with a missing corner is gone: the 5 x 6 cells around, but for half a cell at
-    // a corner whose diagonal passes by.
+    // Every triangle with a missing corner is gone: the surrounding 5 x 6 cells, except half a cell
+    // at a corner whose diagonal avoids the missing node.
     const double left = plan_area(read_mesh(folder / "m.ply")) - (19.0 * 19 - 5 * 6);
     CHECK(left >= 0);
     CHECK(left <= 2);
 }
 
-TEST_CASE("a value that the type cannot hold is no missing value") {
+TEST_CASE("a missing value that the type cannot hold is refused") {
     auto inner = std::make_unique<FunctionVolume<std::uint8_t>>(
         Int3{2, 2, 2}, [](const Int3&) { return std::uint8_t{0}; });
     CHECK_THROWS(with_missing(std::move(inner), -1));
 }
 
-TEST_CASE("a graph's bound covers the rounding of its heights to float32") {
+TEST_CASE("a graph's bound includes the rounding of its heights to float32") {
     FunctionVolume<double> volume({20, 17, 1}, [](const Int3& p) {
         return 1e9 + static_cast<double>((3 * p.x + 5 * p.y) % 4);
     });

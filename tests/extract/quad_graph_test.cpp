@@ -16,7 +16,7 @@ namespace {
 double rough(const Int3& p) {
     return smooth(p) + 0.3 * noise(p);
 }
-/// Smooth but for one corner: cells of all sizes.
+/// Smooth except in one corner: cells of all sizes.
 double graded(const Int3& p) {
     const double far = std::hypot(static_cast<double>(p.x), static_cast<double>(p.y));
     return 0.001 * static_cast<double>(p.x * p.y) + noise(p) * std::exp(-far / 3);
@@ -58,7 +58,7 @@ double plan_area(const Mesh& mesh) {
         const auto& c = mesh.vertices[t[2]];
         const double twice = static_cast<double>(b[0] - a[0]) * static_cast<double>(c[1] - a[1]) -
                              static_cast<double>(b[1] - a[1]) * static_cast<double>(c[0] - a[0]);
-        CHECK(twice > 0);  // faces up
+        CHECK(twice > 0);  // it faces upward
         sum += twice / 2;
     }
     return sum;
@@ -95,14 +95,14 @@ TEST_CASE("the graph over quadrilaterals has no cracks and the values of the pro
                     const bool at_node =
                         static_cast<float>(p.x) == v[0] && static_cast<float>(p.y) == v[1];
                     const bool at_border = p.x == n.x - 1 || p.y == n.y - 1;
-                    REQUIRE((at_node || at_border));  // cut there
+                    REQUIRE((at_node || at_border));  // clipped there
                     wrong +=
                         !at_border && std::fabs(static_cast<double>(v[2]) - grid.value(p)) > 1e-6
                             ? 1
                             : 0;
                 }
                 CHECK(wrong == 0);
-                if (n == Int3{33, 33, 1}) {  // no cell reaches outside
+                if (n == Int3{33, 33, 1}) {  // no cell extends beyond the volume
                     std::size_t triangles = 0;
                     for (const int edges : grid.halved_edges()) {
                         triangles += edges == 0 ? 2 : static_cast<std::size_t>(4 + edges);
@@ -136,7 +136,7 @@ TEST_CASE("the graph over quadrilaterals has the same bytes for any chunks, thre
     CHECK(bytes == by(8, 1, 40U << 20U));
 }
 
-TEST_CASE("missing values cut holes of single cells into the graph over quadrilaterals") {
+TEST_CASE("missing values remove single cells from the graph over quadrilaterals") {
     FunctionVolume<double> volume({33, 33, 1}, [](const Int3& p) {
         return p == Int3{16, 16, 0} || p == Int3{3, 20, 0}
                    ? std::numeric_limits<double>::quiet_NaN()
@@ -146,7 +146,7 @@ TEST_CASE("missing values cut holes of single cells into the graph over quadrila
     CHECK(plan_area(graph_of(volume, 0).mesh) == Approx(32 * 32 - 8));
 }
 
-TEST_CASE("the graph over quadrilaterals refuses what it does not give") {
+TEST_CASE("the graph over quadrilaterals refuses what it does not support") {
     const TemporaryFolder folder;
     FunctionVolume<double> volume({9, 9, 1}, rough);
     make_store(volume, folder / "s");

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Smooth labels that are simplified: within the distance, nodes on their sides, neighbours share what is left.
+"""Simplified smooth labels: within the distance, nodes stay on their sides, neighbours share the simplified interface.
 
-Distances are those of isonest_mesh_distance, a program with none of the library's code; which nodes are inside is
-counted where lattice lines cross triangles.
+Distances are measured by isonest_mesh_distance, a program that shares no code with the library; which nodes are inside
+is determined by counting where lattice lines cross triangles.
 
 usage: simplified_labels_test.py ISONEST PLUGIN_FOLDER
 """
@@ -37,7 +37,7 @@ def run(*arguments, code=0):
 
 
 def read(path):
-    """Points, triangles, and the labels on both sides if there are any."""
+    """Points, triangles, and the labels on both sides if present."""
     reader = vtkXMLPolyDataReader() if path.suffix == ".vtp" else vtkPLYReader()
     reader.SetFileName(str(path))
     reader.Update()
@@ -91,7 +91,7 @@ class SimplifiedLabels(unittest.TestCase):
         self.assertLessEqual(report["distance_bound"], distance)
         self.assertLess(len(faces), len(full_faces))
         self.assertEqual(report["nodes_beyond"], 0 if keeps else report["distance_bound"])
-        # Interface by interface, both ways; where there are very many, all of them as one.
+        # Each interface in both directions; if there are very many, all of them as one.
         pairs = {*map(tuple, sides.tolist())}
         self.assertEqual(pairs, {*map(tuple, full_sides.tolist())})
         parts = [((full_sides == pair).all(1), (sides == pair).all(1)) for pair in pairs]
@@ -122,7 +122,7 @@ class SimplifiedLabels(unittest.TestCase):
         return len(faces), int(wrong.sum())
 
     def require_near(self, nodes, triangles, most):
-        """That each node is as near as that to a triangle, of which points are sampled."""
+        """Checks that each node is within that distance of a triangle, by samples on the triangles."""
         steps = 10
         weights = np.array([(i, j, steps - i - j) for i in range(steps + 1) for j in range(steps + 1 - i)]) / steps
         for node in nodes:
@@ -139,7 +139,7 @@ class SimplifiedLabels(unittest.TestCase):
                     more, _ = self.check(labels, spacing, distance, True)
                     self.assertLessEqual(fewest, 1.05 * more + 20)
                     changed += wrong
-        self.assertGreater(changed, 0)  # so that keeping nodes does something
+        self.assertGreater(changed, 0)  # so that keeping nodes has an effect
 
     def test_nodes_are_on_their_sides_far_from_the_origin_too(self):
         labels = cells(RANDOM, (24, 26, 28), 30, 8)

@@ -1,4 +1,4 @@
-// Slices: whole, in their plane, and with the data's values within the error.
+// Slices: complete, in their plane, and with the data's values within the error.
 #include <catch2/catch.hpp>
 #include <set>
 
@@ -48,7 +48,7 @@ double area(const Mesh& mesh) {
     return sum;
 }
 
-/// The largest difference between a slice's value and the data, inside its triangles.
+/// The largest difference between a slice's values and the data, inside its triangles.
 template <class T>
 double residual(const FunctionVolume<T>& volume, const Mesh& mesh) {
     double worst = 0;
@@ -80,14 +80,14 @@ double smooth_value(const Int3& p) {
 TEST_CASE("a slice covers its plane and has the data's values within the error") {
     FunctionVolume<double> volume({29, 34, 23}, smooth_value);
     volume.spacing_ = {1, 0.5, 1.5};
-    // World extent 28 x 16.5 x 33: the area of each plane's polygon by hand.
+    // World extent 28 x 16.5 x 33: the area of each plane's polygon, computed by hand.
     struct Case {
         WorldPlane plane;
         double area;
     };
     const std::vector<Case> cases{{{{0, 0, 1}, 12.3}, 28 * 16.5},
                                   {{{0, 1, 0}, 4.5}, 28 * 33},  // through nodes
-                                  {{{1, 0, 0}, 0}, 16.5 * 33},  // the border
+                                  {{{1, 0, 0}, 0}, 16.5 * 33},  // at the border
                                   {{{0, 0, 2}, 66}, 28 * 16.5},
                                   {{{-1, 0, 0}, -28}, 16.5 * 33},
                                   {{{33, 0, -28}, 0}, std::hypot(28, 33) * 16.5}};
@@ -123,7 +123,7 @@ TEST_CASE("a slice through nodes has two triangles for each square") {
     }
 }
 
-TEST_CASE("a larger error makes a slice of fewer triangles; missing data cut holes") {
+TEST_CASE("a slice with a larger error has fewer triangles; missing data leave holes") {
     FunctionVolume<float> volume({33, 33, 33}, [](const Int3& p) {
         return p.x > 20 && p.y > 20 ? std::numeric_limits<float>::quiet_NaN()
                                     : static_cast<float>(smooth(p));
@@ -135,7 +135,7 @@ TEST_CASE("a larger error makes a slice of fewer triangles; missing data cut hol
     CHECK(area(coarse.mesh) == Approx(32.0 * 32 - 12 * 12));
 }
 
-TEST_CASE("a plane outside of the volume gives an empty slice") {
+TEST_CASE("a plane outside the volume gives an empty slice") {
     FunctionVolume<float> volume({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
     CHECK(slice(volume, {{0, 0, 1}, 8.01}, 0).mesh.triangles.empty());
     CHECK(slice(volume, {{1, 1, 1}, -0.1}, 0).mesh.triangles.empty());
@@ -158,7 +158,8 @@ Lines contours(FunctionVolume<double>& volume, const WorldPlane& plane, double e
 
 }  // namespace
 
-TEST_CASE("contour lines lie in the slice, hold their value within the error, and do not end") {
+TEST_CASE(
+    "contour lines lie in the slice, have their value within the error, and have no loose ends") {
     FunctionVolume<double> volume({29, 34, 23}, smooth_value);
     const std::vector<WorldPlane> planes{
         {{0, 0, 1}, 7.3}, {{0, 1, 0}, 9}, {{1, 0, 0}, 0}, {{1, 2, -1}, 20.2}};
@@ -198,7 +199,7 @@ TEST_CASE("contour lines lie in the slice, hold their value within the error, an
     }
 }
 
-TEST_CASE("many contour lines are those of each value alone") {
+TEST_CASE("many contour lines are the same as those of each value alone") {
     FunctionVolume<double> volume({40, 40, 20}, smooth_value);
     std::vector<double> values;
     values.reserve(150);
@@ -230,7 +231,7 @@ TEST_CASE("many contour lines are those of each value alone") {
 
 namespace {
 
-/// What float32 cannot hold: integers that differ in the last of their bits.
+/// Values that float32 cannot represent: integers that differ in their last bits.
 template <class T>
 FunctionVolume<T> far_from_zero(const Int3& nodes, double base, double step) {
     return FunctionVolume<T>(nodes, [=](const Int3& p) {
@@ -249,7 +250,7 @@ void require_within_bound(FunctionVolume<T> volume, const WorldPlane& plane, dou
 
 }  // namespace
 
-TEST_CASE("values that float32 does not hold are in a slice within the printed bound") {
+TEST_CASE("a slice of values beyond float32's precision is within the printed bound") {
     const Int3 n{9, 10, 8};
     for (const double error : {0.0, 1.5}) {
         for (const WorldPlane& plane :
@@ -265,7 +266,7 @@ TEST_CASE("values that float32 does not hold are in a slice within the printed b
     }
 }
 
-TEST_CASE("a slice through nodes has their values, every bit of them") {
+TEST_CASE("a slice through nodes has exactly their values") {
     auto volume = far_from_zero<double>({9, 10, 8}, 1e15, 0.125);
     const Slice s = slice(volume, {{0, 0, 1}, 4}, 0);
     CHECK(s.report.error_bound == 0);
@@ -277,7 +278,7 @@ TEST_CASE("a slice through nodes has their values, every bit of them") {
     }
 }
 
-TEST_CASE("a mesh whose format has float32 alone says by how much it rounds") {
+TEST_CASE("a mesh in a float32-only format reports its rounding") {
     auto volume = far_from_zero<double>({9, 10, 8}, 1e9, 1);
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
@@ -291,8 +292,8 @@ TEST_CASE("a mesh whose format has float32 alone says by how much it rounds") {
 }
 
 TEST_CASE(
-    "the reported error of a slice that the box cuts is the same for any threads and memory") {
-    // Values are rounded at edges and, where the box cuts a triangle, once more.
+    "the reported error of a slice clipped by the box is the same for any threads and memory") {
+    // Values are rounded at edges and, where the box clips a triangle, once more.
     FunctionVolume<double> volume(
         {41, 38, 35}, [](const Int3& p) { return 1e7 * (smooth(p) + 0.01 * noise(p)); });
     const TemporaryFolder folder;
@@ -305,7 +306,7 @@ TEST_CASE(
         options.error = error;
         options.threads = 1;
         options.memory = std::uint64_t{1} << 30U;
-        // Of GLB, which has float32 alone.
+        // For GLB, which only has float32.
         const ExtractReport one = extract(store, folder / "m.glb", options, silent_progress());
         CHECK(one.value_rounding > 0);
         const std::string bytes = read_file(folder / "m.glb");
@@ -324,8 +325,8 @@ TEST_CASE(
     }
 }
 
-TEST_CASE("contour lines of values that float32 does not hold lie where they belong") {
-    // Only x makes a difference: the line of 1e9 + 2.5 is x = 2.5.
+TEST_CASE("contour lines of values beyond float32's precision lie in the right place") {
+    // Values vary only along x: the line of 1e9 + 2.5 is x = 2.5.
     FunctionVolume<double> volume({9, 10, 8},
                                   [](const Int3& p) { return 1e9 + static_cast<double>(p.x); });
     const TemporaryFolder folder;

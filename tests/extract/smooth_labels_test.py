@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Smooth surfaces of labels: no node on the wrong side, near the voxels' faces, shared by those that touch.
+"""Smooth surfaces of labels: no node on the wrong side, near the voxels' faces, shared by neighbours.
 
-What a mesh has to be is computed here by a slow implementation on whole arrays (Net), and which nodes are inside by
-counting where lattice lines cross its triangles.
+The expected mesh is computed here by a slow implementation on whole arrays (Net); which nodes are inside is determined
+by counting where lattice lines cross its triangles.
 
 usage: smooth_labels_test.py ISONEST PLUGIN_FOLDER
 """
@@ -25,7 +25,7 @@ ISONEST = sys.argv[1]
 os.environ["HDF5_PLUGIN_PATH"] = sys.argv[2]
 
 RANDOM = np.random.default_rng(33)
-OUTSIDE = -1  # of nodes beyond the border; labels here are not negative
+OUTSIDE = -1  # label of nodes beyond the border; labels here are not negative
 MOST_MOVED = np.float32(0.5 - 1 / 32)
 
 
@@ -50,7 +50,8 @@ class Net:
         low = [slice(0, -1), slice(1, None)]
         corners = np.stack([self.nodes[low[k], low[j], low[i]] for k in (0, 1) for j in (0, 1) for i in (0, 1)])
         self.crossed = (corners != corners[0]).any(0)
-        # Of the face between a cell and the next one along an axis: how many of its sides labels cross.
+        # For the face between a cell and the next one along an axis: the number of its sides that connect different
+        # labels.
         self.sides = []
         for axis in range(3):
             u, v = [a for a in range(3) if a != axis]
@@ -61,8 +62,8 @@ class Net:
         self.moved = self.smoothed(passes)
 
     def limits(self):
-        """Between what each vertex may be moved, z, y, x."""
-        different = []  # of each node, whether both neighbours along the axis have other labels
+        """The interval in which each vertex may be moved, z, y, x."""
+        different = []  # for each node, whether both neighbours along the axis have other labels
         for axis in range(3):
             other = np.zeros(self.nodes.shape, bool)
             here = self.nodes[sliced(axis, slice(1, -1))]
@@ -113,7 +114,7 @@ class Net:
         return moved
 
     def neighbours(self, faces, axis, step):
-        """Whether each cell has one across this face, and which cell that is."""
+        """Whether each cell has a neighbour across this face, and which cell that is."""
         is_there = np.zeros(self.cells, bool)
         face = faces[axis][sliced(axis, slice(0, -1))]
         is_there[sliced(axis, slice(0, -1) if step > 0 else slice(1, None))] = face
@@ -122,12 +123,12 @@ class Net:
         return is_there, there
 
     def positions(self, cells, spacing, origin):
-        """Of vertices, x, y, z as float32."""
+        """Positions of vertices, x, y, z as float32."""
         moved = np.stack([self.moved[axis][tuple(cells.T)] for axis in (2, 1, 0)], 1).astype(float)
         return (np.array(origin) + np.array(spacing) * (cells[:, ::-1] - 0.5 + moved)).astype(np.float32)
 
     def quads(self, label, closed):
-        """The four cells around each edge from the label to another, sorted, as one number each."""
+        """The four cells around each edge from the label to another one, sorted, as one number each."""
         found = []
         for axis in range(3):
             u, v = [a for a in range(3) if a != axis]
@@ -158,7 +159,7 @@ def reversed_key(key):
 
 
 def volumes():
-    """Of labels, with their names."""
+    """Volumes of labels, with their names."""
     yield "two labels in noise", RANDOM.integers(0, 2, (11, 9, 13))
     yield "many labels in noise", RANDOM.integers(0, 40, (9, 12, 10))
     yield "few nodes in noise", (RANDOM.random((12, 13, 14)) < 0.05) * RANDOM.integers(1, 4, (12, 13, 14))
@@ -176,7 +177,7 @@ def volumes():
 
 
 class LabelMeshes(unittest.TestCase):
-    """Writes stores and reads meshes, in a folder that is gone with the test."""
+    """Writes stores and reads meshes, in a folder that is removed after the test."""
 
     def setUp(self):
         folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
@@ -201,7 +202,7 @@ class SmoothLabels(LabelMeshes):
         for name, data in volumes():
             for passes, spacing in ((0, (1, 1, 1)), (1, (1, 1, 1)), (5, (0.5, 1, 4)), (16, (1, 1, 1)), (23, (2, 0.25, 1))):
                 with self.subTest(volume=name, passes=passes):
-                    origin = tuple(64 * s for s in spacing)  # so that float32 makes all differences exact here
+                    origin = tuple(64 * s for s in spacing)  # makes all differences exact in float32
                     store = self.store(data.astype("u1"), "--spacing", ",".join(map(str, spacing)), "--origin",
                                        ",".join(map(str, origin)))
                     net = Net(data, passes)
@@ -211,14 +212,14 @@ class SmoothLabels(LabelMeshes):
                     for entry in listed:
                         points, faces = meshes[entry["id"]]
                         lattice = (points.astype(float) - origin) / spacing
-                        # Promise 1.
+                        # Promise 1: nodes are on the right side.
                         np.testing.assert_array_equal(windings(lattice, faces, data.shape), data == entry["id"])
                         # Promise 2.
                         at = np.floor(lattice).astype(int)[:, ::-1] + 1
                         moved = np.linalg.norm((lattice - (at[:, ::-1] - 0.5)) * spacing, axis=1)
                         self.assertLessEqual(moved.max(), entry["smooth_bound"])
                         self.assertLess(entry["smooth_bound"], half)
-                        # The rest, exactly.
+                        # Everything else must be exactly equal.
                         self.assertEqual(len(np.unique(at, axis=0)), len(at))
                         np.testing.assert_array_equal(points, net.positions(at, spacing, origin))
                         number = np.ravel_multi_index(tuple(at.T), net.cells)[faces].reshape(-1, 6)
@@ -241,7 +242,7 @@ class SmoothLabels(LabelMeshes):
                 caps = len(times) - len(shared)
                 z, y, x = data.shape
                 self.assertEqual(caps, 4 * (x * y + y * z + z * x))
-                # And the list says with whom, and how much.
+                # The list says who the neighbours are, and the common areas.
                 owner = {key: labels[0] for key, labels in times.items()}
                 areas = {entry["id"]: {} for entry in listed}
                 for label, mesh in closed.items():
@@ -257,7 +258,7 @@ class SmoothLabels(LabelMeshes):
                 for label, mesh in opened.items():
                     self.assertEqual(sorted(cyclic(*mesh)),
                                      sorted(key for key in cyclic(*closed[label]) if key in shared))
-                    self.assertEqual(len(np.unique(mesh[1])), len(mesh[0]))  # no vertex is left over
+                    self.assertEqual(len(np.unique(mesh[1])), len(mesh[0]))  # there are no unused vertices
 
     def test_a_mesh_is_closed_and_has_the_volume_that_it_says(self):
         data = cells(RANDOM, (20, 22, 24), 12, 6).astype("u1")
@@ -337,7 +338,7 @@ class SmoothLabels(LabelMeshes):
                 np.testing.assert_array_equal(found[label][1], faces)
         found, _ = self.meshes(self.store(data.astype("u8"), "--labels"), "--smooth")
         np.testing.assert_array_equal(found[3][0], expected[3][0])
-        # A volume whose axes are not along the world's.
+        # A volume with axes that are not aligned with the world's.
         axes = np.array([[0.6, 0.8, 0], [-0.8, 0.6, 0], [0, 0, 1]])
         origin = np.array([5, -7, 3])
         (self.here / "turned.nrrd").write_bytes(
@@ -349,7 +350,7 @@ class SmoothLabels(LabelMeshes):
         for label, (points, faces) in expected.items():
             np.testing.assert_allclose(found[label][0], points @ axes + origin, atol=1e-5)
             np.testing.assert_array_equal(found[label][1], faces)
-        # Nodes without a value are a label that gets no mesh.
+        # Missing nodes are a label that gets no mesh.
         missing = np.where(data == 2, np.nan, data)
         found, _ = self.meshes(self.store(missing.astype("f4")), "--smooth")
         self.assertNotIn(2, found)
@@ -368,7 +369,7 @@ class SmoothLabels(LabelMeshes):
             self.assertIn("smooth", run("extract", store, "--label", 3, "--smooth", "-o", self.here / "a.ply", *options,
                                         code=2).stderr)
         self.assertIn("uint8", run("extract", store, "--label", 300, "--smooth", "-o", self.here / "a.ply", code=2).stderr)
-        self.assertIn("no node", run("extract", store, "--label", 77, "--smooth", "-o", self.here / "a.ply").stdout)
+        self.assertIn("has the label 77", run("extract", store, "--label", 77, "--smooth", "-o", self.here / "a.ply").stdout)
         amounts = self.store(RANDOM.normal(size=(9, 9, 9)), name="amounts")
         for options in (("--labels", "all", "-o", self.here / "n"), ("--label", 0, "-o", self.here / "n.ply")):
             self.assertIn("no label", run("extract", amounts, *options, "--smooth", code=5).stderr)

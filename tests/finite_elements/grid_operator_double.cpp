@@ -1,5 +1,5 @@
-// Products in float64, which the library does not need, as tests of its code against assembled
-// matrices do.
+// Products in float64: not needed by the library, but by tests that compare its code with assembled
+// matrices.
 #include "query/finite_elements/grid_operator.h"
 #include "query/finite_elements/grid_operator_template.h"
 

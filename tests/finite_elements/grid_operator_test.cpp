@@ -1,4 +1,4 @@
-// z = A w on implicit grids against assembled matrices on grids by explicit bisection.
+// z = A w on implicit grids compared with assembled matrices on grids by explicit bisection.
 #include "query/finite_elements/grid_operator.h"
 
 #include <catch2/catch.hpp>
@@ -14,7 +14,7 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// A number of [0, 1) that a node and a seed give.
+/// A pseudo-random number in [0, 1) for a node and a seed.
 double hashed(const Int3& p, std::uint64_t seed) {
     std::uint64_t h = seed * 0x9E3779B97F4A7C15U;
     for (int a = 0; a < 3; ++a) {
@@ -24,7 +24,7 @@ double hashed(const Int3& p, std::uint64_t seed) {
     return static_cast<double>(h >> 11U) * 0x1p-53;
 }
 
-/// Few nodes are refined of their own accord, those near a corner more often.
+/// Refines few nodes, more often near a corner.
 bool some(const Int3& p, int level) {
     const double near = 8.0 / static_cast<double>(8 + p.x + p.y + p.z);
     return hashed(p, static_cast<std::uint64_t>(level)) < 0.12 * near;
@@ -109,7 +109,7 @@ void require_products(const Int3& n, const Double3& spacing,
         op.stiffness_diagonal(perona_malik, kScale, z[3]);
         op.mass(w, z[4]);
         op.lumped_mass(z[5]);
-        // Assembled: the product, less the mass that goes with it, and the diagonals.
+        // Assembled: the product without the mass, the lumped mass, and the diagonals.
         std::size_t next = 6;
         for (const Coefficient<Real>& a : {Coefficient<Real>{}, perona_malik}) {
             std::vector<Real>& product = z[next++];
@@ -174,15 +174,15 @@ void require_all() {
 
 }  // namespace
 
-TEST_CASE("products on implicit grids are those of the assembled matrices, in double") {
+TEST_CASE("products on implicit grids are those of the assembled matrices, in float64") {
     require_all<double>();
 }
 
-TEST_CASE("products on implicit grids are those of the assembled matrices, in float") {
+TEST_CASE("products on implicit grids are those of the assembled matrices, in float32") {
     require_all<float>();
 }
 
-TEST_CASE("the nodes that the gradient's indicator refines are those of explicit bisection") {
+TEST_CASE("the gradient's indicator refines the same nodes as explicit bisection") {
     const auto value = [](const Int3& p) { return smooth(p) + 0.2 * noise(p); };
     for (const Int3& n : {Int3{17, 17, 17}, Int3{33, 33, 1}, Int3{1, 9, 9}, Int3{65, 1, 1}}) {
         CAPTURE(n.x, n.y, n.z);

@@ -1,5 +1,5 @@
-// Computing on implicit grids: solutions against exact ones and dense algebra, and what diffusion
-// promises.
+// Computations on implicit grids: solutions compared with exact ones and dense algebra, and the
+// guaranteed properties of diffusion.
 #include "query/finite_elements/nonlinear_diffusion.h"
 
 #include <Eigen/Dense>
@@ -8,11 +8,8 @@
 
 #include "query/finite_elements/active_nodes.h"
 #include "query/finite_elements/conjugate_gradients.h"
-#include "query/finite_elements/gaussian.h"
 #include "query/finite_elements/grid_elements.h"
 #include "query/finite_elements/grid_operator.h"
-#include "query/finite_elements/numbered_elements.h"
-#include "query/finite_elements/projection.h"
 #include "tests/support/explicit_grid.h"
 #include "tests/support/leaf_sets.h"
 #include "tests/support/test_support.h"
@@ -114,7 +111,8 @@ void require_second_order(std::int64_t n, const std::vector<int>& levels) {
     }
 }
 
-/// sum |E| lambda^2 / 2 log(1 + |grad u|^2 / lambda^2): what Perona and Malik's diffusion lowers.
+/// sum |E| lambda^2 / 2 log(1 + |grad u|^2 / lambda^2): the energy that Perona-Malik diffusion
+/// decreases.
 double energy(const ExplicitGrid<3>& grid, const Double3& spacing, const Int3& n,
               std::span<const float> u, double lambda) {
     double sum = 0;
@@ -133,8 +131,8 @@ double energy(const ExplicitGrid<3>& grid, const Double3& spacing, const Int3& n
     return sum;
 }
 
-/// The largest entry off the diagonal of a stiffness matrix with equal spacings and coefficients
-/// that differ from element to element.
+/// The largest off-diagonal entry of a stiffness matrix with equal spacings and coefficients that
+/// differ between elements.
 template <int D>
 double largest_coupling(const Int3& n, const std::function<bool(const Int3&, int)>& wanted) {
     const ExplicitGrid<D> grid(Lattice(n), wanted);
@@ -222,7 +220,9 @@ TEST_CASE("a step of diffusion is the solution of the assembled system") {
     }
 }
 
-TEST_CASE("diffusion keeps the mean and the range, lowers the energy, and depends on no thread") {
+TEST_CASE(
+    "diffusion preserves the mean and the range, lowers the energy, and does not depend on "
+    "threads") {
     const Int3 n{17, 20, 12};
     const Lattice lattice(n);
     for (const double threshold : {0.0, 40.0}) {
@@ -279,20 +279,20 @@ TEST_CASE("diffusion keeps the mean and the range, lowers the energy, and depend
 }
 
 TEST_CASE(
-    "with equal spacings no coupling is positive in planes, and in space if all nodes are there") {
+    "with equal spacings no coupling is positive in planes, nor in space if all nodes are active") {
     const auto few = [](const Int3& p, int level) {
         return noise(p, static_cast<std::uint64_t>(level)) < 0.1;
     };
     CHECK(largest_coupling<2>({17, 17, 1}, few) < 1e-12);
     CHECK(largest_coupling<2>({14, 1, 9}, few) < 1e-12);
     CHECK(largest_coupling<3>({5, 5, 5}, [](const Int3&, int) { return true; }) < 1e-12);
-    // A tetrahedron that was bisected once has an angle of 120 degrees.
+    // A tetrahedron after one bisection has an angle of 120 degrees.
     CHECK(largest_coupling<3>({3, 3, 3}, [](const Int3& p, int) {
               return p == Int3{1, 1, 1};
           }) > 1e-3);
 }
 
-TEST_CASE("in a plane with equal spacings no value leaves the range, with a threshold as without") {
+TEST_CASE("in a plane with equal spacings no value leaves the range, with a threshold or without") {
     const Int3 n{33, 27, 1};
     for (const double threshold : {0.0, 15.0, 40.0}) {
         for (const double tau : {0.05, 0.5, 8.0}) {
@@ -317,7 +317,7 @@ TEST_CASE("in a plane with equal spacings no value leaves the range, with a thre
     }
 }
 
-TEST_CASE("a grid's function at nodes that are not active is the linear one of their element") {
+TEST_CASE("a grid's function at inactive nodes is the linear function of their element") {
     const Int3 n{13, 9, 10};
     const Lattice lattice(n);
     const auto wanted = [](const Int3& p, int level) {
@@ -364,7 +364,7 @@ TEST_CASE("a grid's function at nodes that are not active is the linear one of t
     CHECK(std::all_of(seen.begin(), seen.end(), [](int count) { return count > 0; }));
 }
 
-TEST_CASE("both numberings give each node of the grid one number, in a store as in memory") {
+TEST_CASE("both numberings give each node of the grid one number, in a store and in memory") {
     const Subject subject({17, 17, 17}, hills);
     ChunkCache cache(*subject.store, 1U << 22U);
     for (const double threshold : {0.0, 0.15, 0.6, 1e9}) {
@@ -408,7 +408,7 @@ TEST_CASE("both numberings give each node of the grid one number, in a store as 
     }
 }
 
-TEST_CASE("a Gaussian is that of the sum over all nodes, mirrored at the border") {
+TEST_CASE("a Gaussian equals the sum over all nodes, mirrored at the border") {
     const Int3 n{7, 5, 9};
     const Double3 spacing{1, 0.5, 2};
     std::vector<float> values = image(n);

@@ -1,4 +1,4 @@
-"""isonest smooth from outside: its files, its report, its promises, and what is refused.
+"""isonest smooth from outside: its files, its report, its guarantees, and what is refused.
 
 Usage: smooth_test.py ISONEST PLUGIN_FOLDER
 """
@@ -32,7 +32,7 @@ def require(good, what):
 
 
 def masses(n):
-    """How many of the elements of the finest grid are at a node, times what each of its corners gets."""
+    """For each node, the number of elements of the finest grid at it times the mass that each contributes."""
     odd = sum(numpy.meshgrid(*(numpy.arange(k) % 2 for k in n), indexing="ij"))
     cells = numpy.ones(n)
     for axis, k in enumerate(n):
@@ -96,7 +96,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-smooth-") as name:
     require(run("preprocess", "a-0.raw", "--dims", f"{nx},{ny},{nz}", "--type", "float32", "-o", "again.isonest",
                 "-q").returncode == 0, "preprocess reads what smooth wrote")
 
-    # Data in a plane: pictures.
+    # Two-dimensional data: pictures.
     noisy[0].tofile("p.raw")
     plane = ["p.raw", "--dims", f"{nx},{ny}", "--type", "int16"]
     done = run("smooth", *plane, *how, "--threshold", 10, "-o", "p.png", "--grid", "pg.png")
@@ -111,12 +111,12 @@ with tempfile.TemporaryDirectory(prefix="isonest-smooth-") as name:
 
     least = ["--steps", 1, "--tau", 1, "--lambda", 1]
     refused(2, "exists", *raw, *least, "-o", "a.raw")
-    refused(2, "a picture shows data in a plane", *raw, *least, "-o", "b.png")
-    refused(2, "no format", *raw, *least, "-o", "b.tiff")
+    refused(2, "data in a plane", *raw, *least, "-o", "b.png")
+    refused(2, "write .h5, .nrrd, .raw", *raw, *least, "-o", "b.tiff")
     refused(2, "--tau", *raw, "--steps", 1, "--tau", 0, "--lambda", 1, "-o", "b.raw")
     refused(2, "--lambda", *raw, "--steps", 1, "--tau", 1, "--lambda", "nan", "-o", "b.raw")
     refused(2, "--snapshots", *raw, *least, "--snapshots", "1.5", "-o", "b.raw")
-    refused(2, "is read", *raw, *least, "-o", "v.raw", "--force")
+    refused(2, "is an input", *raw, *least, "-o", "v.raw", "--force")
     refused(3, "nothing.raw", "nothing.raw", "--dims", "4,4,4", "--type", "u8", *least, "-o", "b.raw")
     refused(7, "give at least --memory", *raw, *least, "--memory", "1M", "-o", "b.raw")
     holed = noisy.astype("<f4")
@@ -130,10 +130,10 @@ with tempfile.TemporaryDirectory(prefix="isonest-smooth-") as name:
     refused(2, "b-1.nrrd" if pathlib.Path("b-1.nrrd").write_text("x") else "", *raw, *least, "--snapshots", "1", "-o",
             "b.nrrd")
 
-    # An interruption leaves nothing.
+    # An interrupted run leaves no file.
     assert run("make-volume", "noise", "--size", 129, "--type", "float32", "-o", "n.h5").returncode == 0
     before = {f.name for f in folder.iterdir()}
-    # On a busy machine a signal may come before the program listens.
+    # On a busy machine a signal may come before the program has installed its handler.
     for seconds in (1.5, 6, 24):
         process = subprocess.Popen([ISONEST, "smooth", "n.h5", "--steps", "1000", "--tau", "5", "--lambda", "1", "-o",
                                     "c.raw", "-q"], stderr=subprocess.PIPE)

@@ -17,7 +17,7 @@ void one_file(const char* name, Bytes bytes) {
     SourceOptions options;
     options.labels = true;
     options.max_heap = kMemory;
-    if (!bytes.empty() && (bytes.back() & 0x80U) != 0) {  // what is chosen of several
+    if (!bytes.empty() && (bytes.back() & 0x80U) != 0) {  // the choice among several arrays
         options.dataset = "v";
         options.index = {AxisIndex{"c", 1}};
     }
@@ -28,8 +28,8 @@ void dicom(Bytes bytes) {
     static const fs::path root = folder() / "dicom";
     fs::remove_all(root);
     fs::create_directories(root);
-    constexpr std::size_t kMostFiles = 4;
-    for (std::size_t i = 0; i < kMostFiles && bytes.size() > 2; ++i) {
+    constexpr std::size_t kMaxFiles = 4;
+    for (std::size_t i = 0; i < kMaxFiles && bytes.size() > 2; ++i) {
         const std::size_t length = bytes[0] + std::size_t{256} * bytes[1];
         bytes = bytes.subspan(2);
         const Bytes file = bytes.first(std::min(length, bytes.size()));
@@ -77,7 +77,7 @@ void zarr(Bytes bytes) {
             written("v.zarr/zarr.json", description);
             written("v.zarr/c/0/0/0", chunk);
             break;
-        default: {  // a group, with an array that is whole
+        default: {  // a group with a valid array
             constexpr std::string_view kArray =
                 R"({"zarr_format": 3, "node_type": "array", "shape": [2, 3, 4], "data_type": "uint8",
                 "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [2, 3, 4]}},

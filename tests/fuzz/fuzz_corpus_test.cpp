@@ -1,6 +1,6 @@
-// The fuzzer's corpus and its former findings, once more; and each seed with some bytes changed.
+// Replays the fuzzer's corpus and its former findings, and each seed with some changed bytes.
 //
-// ISONEST_MUTATIONS=100000 in the environment: that many changes of each seed.
+// ISONEST_MUTATIONS=100000 in the environment: number of changes of each seed.
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <filesystem>
@@ -12,7 +12,7 @@
 using namespace isonest;
 using namespace isonest::detail;
 
-TEST_CASE("the fuzzing corpus, and what is near it, is taken or refused with an error") {
+TEST_CASE("the fuzzing corpus and its mutations are read or refused with an error") {
     const char* const text = std::getenv("ISONEST_MUTATIONS");
     const int mutations = text != nullptr ? std::atoi(text) : 10;
     const std::filesystem::path corpus = ISONEST_FUZZ_CORPUS;

@@ -1,4 +1,5 @@
-// libFuzzer's entry, for the target of targets.h that ISONEST_FUZZ_TARGET in the environment names.
+// libFuzzer's entry point for the target of targets.h that the environment variable
+// ISONEST_FUZZ_TARGET names.
 #include <cstdio>
 #include <cstdlib>
 #include <functional>

@@ -1,4 +1,4 @@
-"""Makes the seeds of the fuzzing corpus anew.   Usage: make_corpus.py ISONEST"""
+"""Regenerates the seeds of the fuzzing corpus.   Usage: make_corpus.py ISONEST"""
 import bz2
 import gzip
 import io
@@ -20,8 +20,10 @@ import numpy as np
 import pydicom
 import tifffile
 import vtk
-import zarr
 from vtk.util import numpy_support
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+from zarr_two import zarr  # noqa: E402
 
 isonest = sys.argv[1]
 corpus = pathlib.Path(__file__).with_name("corpus")
@@ -66,7 +68,7 @@ seed("nrrd", "list", header + b"raw\ndata file: LIST 2\nv.nrrd\nv.nrrd\n\n")
 seed("nrrd", "pattern", header + b"raw\ndata file: v%01d.nrrd 1 2 1 3\n\n")
 seed("nrrd", "vector", b"NRRD0004\ntype: uchar\ndimension: 4\nsizes: 3 2 2 2\nkinds: vector domain domain time\n"
      b"labels: \"v\" \"x\" \"y\" \"t\"\nencoding: raw\n\n" + bytes(range(24)))
-pixels = bytes(range(6)) + b"\0\0"  # rows of six bytes in eight
+pixels = bytes(range(6)) + b"\0\0"  # rows of six bytes, padded to eight
 for bits, name, palette, rows in ((8, "bmp", bytes(0 if i % 4 == 3 else i // 4 for i in range(1024)), pixels * 3),
                                   (24, "bmp_colours", b"", (b"\7\7\7" * 6 + b"\0\0") * 3), (1, "bmp_bits", b"\0\0\0\0\xff\xff\xff\0", b"\x54\0\0\0" * 3)):
     start = 54 + len(palette)
@@ -112,7 +114,7 @@ seed("raw", "behind", bytes([3, 2, 1, 2, 0, 0, 0, 0]) + gzip.compress(values, mt
 
 
 def saved(name, write):
-    """What other programs write to a file."""
+    """Files as other programs write them."""
     with tempfile.TemporaryDirectory() as folder:
         path = pathlib.Path(folder) / name
         write(path)
@@ -267,7 +269,7 @@ def as_segmentation(d, kind="BINARY"):
 
 
 def bare(data):
-    """Without preamble and own group."""
+    """Without preamble and file meta group."""
     return data[132 + 12 + struct.unpack_from("<I", data, 140)[0]:]
 
 
@@ -323,7 +325,7 @@ for kind in ("NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA"):
 
 
 def records(path):
-    """Of a length that is no multiple of all of its numbers; coordinates are packed."""
+    """The length is not a multiple of all of its numbers; coordinates are packed."""
     with netCDF4.Dataset(path, "w", format="NETCDF3_64BIT_DATA") as file:
         for dim, length in (("time", None), ("y", 3)):
             file.createDimension(dim, length)
@@ -342,7 +344,8 @@ def zarr_folder(kind, description, chunk):
 
 
 with tempfile.TemporaryDirectory() as name:
-    for codec in (None, zarr.Blosc("lz4"), zarr.Zlib(), zarr.Zstd(), zarr.GZip(), numcodecs.LZ4(), numcodecs.BZ2(), numcodecs.LZMA()):
+    for codec in (None, numcodecs.Blosc("lz4"), numcodecs.Zlib(), numcodecs.Zstd(), numcodecs.GZip(), numcodecs.LZ4(), numcodecs.BZ2(),
+                  numcodecs.LZMA()):
         zarr.save_array(name, grid, chunks=(2, 3, 4), compressor=codec)
         description = json.loads((pathlib.Path(name) / ".zarray").read_text())
         seed("zarr", f"v2_{codec.codec_id if codec else 'plain'}",
@@ -436,14 +439,14 @@ def vtk_of_all_kinds(path, text):
     writer.Write()
 
 
-chosen = b"\xff"  # the targets of one file then choose the array v, and its component 1
+chosen = b"\xff"  # then the targets for one file choose the array v and its component 1
 for text in (False, True):
     seed("vtk", f"kinds_{'text' if text else 'binary'}", saved("v.vtk", lambda p: vtk_of_all_kinds(p, text)) + chosen)
 seed("netcdf3", "records", saved("v.nc", lambda p: records(p)))
 
 
 def objects(**of):
-    """What the target far_zarr takes: objects by their number there."""
+    """Input for the target far_zarr: objects by their numbers."""
     return b"".join(bytes([int(n[1:])]) + struct.pack("<H", len(text)) + text
                     for n, text in ((n, json.dumps(value).encode()) for n, value in of.items()))
 

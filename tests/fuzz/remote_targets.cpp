@@ -1,4 +1,4 @@
-// Targets that take what a server says, and what is kept of it.
+// Targets that take a server's answers, and what is cached of them.
 #include <algorithm>
 #include <array>
 #include <cstddef>
@@ -17,11 +17,11 @@
 #include <isonest/error.h>
 #include <isonest/remote.h>
 
-#include "preprocess/sources/bytes/far_objects.h"
+#include "preprocess/sources/bytes/remote_objects.h"
 #include "preprocess/sources/zarr/zarr_files.h"
 #include "store/base/checksum.h"
-#include "store/bytes/cached_block.h"
-#include "store/bytes/object_folder.h"
+#include "store/bytes/disk_cache.h"
+#include "store/bytes/store_bytes.h"
 #include "store/remote/answer.h"
 #include "store/remote/object_url.h"
 #include "tests/fuzz/scratch.h"
@@ -34,7 +34,7 @@ std::string_view text_of(Bytes bytes) {
     return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
-/// A number of two bytes, which are taken off; 0 where there are none.
+/// A number of two bytes, which are removed; 0 if there are none.
 std::size_t taken(Bytes& bytes) {
     if (bytes.size() < 2) {
         bytes = {};
@@ -78,7 +78,7 @@ class Objects : public ObjectFolder {
 
 }  // namespace
 
-void far_zarr(Bytes bytes) {
+void remote_zarr(Bytes bytes) {
     constexpr std::array<const char*, 8> kNames{"zarr.json",   ".zarray",    ".zattrs",
                                                 ".zgroup",     ".zmetadata", "0/.zarray",
                                                 "0/zarr.json", "0/.zattrs"};
@@ -93,7 +93,7 @@ void far_zarr(Bytes bytes) {
         bytes = bytes.subspan(length);
     }
     try {
-        const auto files = far_zarr_files(std::make_shared<Objects>(std::move(objects)));
+        const auto files = remote_zarr_files(std::make_shared<Objects>(std::move(objects)));
         for (const char* const folder : {"", "0", "labels", "a/b"}) {
             const fs::path at = files->root() / folder;
             keep(files->may_have_folder(at) ? 1 : 0);
@@ -147,7 +147,7 @@ void object_url(Bytes bytes) {
     const std::string url(text_of(bytes.first(length)));
     const std::string name(text_of(bytes.subspan(length)));
     if (!is_url(url)) {
-        return;  // which nobody takes for an object
+        return;  // which is not taken for an object
     }
     try {
         const ObjectUrl object =
@@ -166,7 +166,7 @@ void object_url(Bytes bytes) {
 }
 
 void cached_block(Bytes bytes) {
-    constexpr std::size_t kSummedFrom = 16;  // behind eight letters and the checksum
+    constexpr std::size_t kSummedFrom = 16;  // after eight letters and the checksum
     std::vector<std::byte> file(bytes.size());
     std::copy_n(std::as_bytes(bytes).begin(), bytes.size(), file.begin());
     if (file.size() > kSummedFrom) {

@@ -40,7 +40,7 @@ void use_volume(const fs::path& path, const SourceOptions& options) {
         for (std::int64_t z = 0; z < std::min<std::int64_t>(n.z, 64); ++z) {
             source->read(z, 1, 0, n.y, plane.data());
         }
-        std::uint64_t sum = 0;  // a map must be readable to its end
+        std::uint64_t sum = 0;  // the mapping must be readable to its end
         for (const std::byte b : source->mapped().first(
                  std::min<std::size_t>(source->mapped().size(), std::size_t{1} << 22U))) {
             sum += static_cast<std::uint64_t>(b);

@@ -1,4 +1,4 @@
-// What several fuzzing targets need.
+// Shared by several fuzzing targets.
 #pragma once
 
 #include <cstdint>
@@ -15,16 +15,16 @@ namespace fs = std::filesystem;
 
 constexpr std::uint64_t kMemory = std::uint64_t{64} << 20U;
 
-/// A folder of this process, removed at its end.
+/// A folder of this process, removed when it ends.
 const test::TemporaryFolder& folder();
 
 /// A file in that folder, with these bytes.
 fs::path written(const char* name, Bytes bytes);
 
-/// So that reading is not left out.
+/// Prevents the compiler from removing the read.
 void keep(double value);
 
-/// Opens an input as `preprocess` does, and reads some of it, all ways of it.
+/// Opens an input like `preprocess` and reads parts of it in every way.
 void use_volume(const fs::path& path, const SourceOptions& options);
 
 }  // namespace isonest::detail::fuzz

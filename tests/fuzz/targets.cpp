@@ -9,12 +9,11 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/label_names/label_file.h"
-#include "preprocess/sources/wrapping/named_labels_source.h"
+#include "preprocess/sources/wrapping/label_names.h"
 #include "query/check/check.h"
-#include "store/bytes/file_bytes.h"
-#include "store/container/footer/footer.h"
-#include "store/container/hdf5_types.h"
+#include "store/bytes/store_bytes.h"
+#include "store/container/parts/footer.h"
+#include "store/container/parts/hdf5_types.h"
 #include "tests/fuzz/scratch.h"
 #include "tests/support/test_support.h"
 #include "tools/drawing/input/ply_reader.h"
@@ -22,7 +21,7 @@
 namespace isonest::detail::fuzz {
 namespace {
 
-/// A whole small store under this name, made once and copied.
+/// A complete small store with this name, made once and copied.
 fs::path fresh_store(const char* name) {
     static const fs::path whole = [] {
         test::FunctionVolume<std::int16_t> volume({9, 10, 11}, [](const Int3& p) {
@@ -41,7 +40,7 @@ void use_store(const fs::path& path) {
     try {
         const StoreReader store(path);
         if (store.layout().rows() > 100000) {
-            return;  // right, but long
+            return;  // valid, but slow
         }
         CheckOptions options;
         options.threads = 1;
@@ -99,7 +98,7 @@ void chunk_table(Bytes bytes) {
     H5Dread(table, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, rows.data());
     auto* const raw = reinterpret_cast<std::uint8_t*>(rows.data());
     const std::size_t size = rows.size() * sizeof(ChunkRow);
-    // Groups of a place (two bytes) and a word that goes there.
+    // Groups of a position (two bytes) and a word to write there.
     for (; bytes.size() >= 10; bytes = bytes.subspan(10)) {
         const std::size_t at = (bytes[0] + std::size_t{256} * bytes[1]) % size;
         std::copy_n(bytes.begin() + 2, std::min<std::size_t>(8, size - at), raw + at);
@@ -116,7 +115,7 @@ void chunk_table(Bytes bytes) {
     use_store(path);
 }
 
-/// The first byte: whether the catalogue is changed, or the footer with or without a right
+/// The first byte: whether the catalogue is changed, or the footer with a valid or an invalid
 /// checksum.
 void footer(Bytes bytes) {
     if (bytes.empty()) {
@@ -130,7 +129,7 @@ void footer(Bytes bytes) {
     std::vector<std::byte> catalogue(old.begin(), old.end());
     const std::size_t choice = bytes[0] % 4;
     const auto patch = [&](std::byte* raw, std::size_t size) {
-        // Groups of a place (two bytes) and a word that goes there.
+        // Groups of a position (two bytes) and a word to write there.
         for (Bytes rest = bytes.subspan(1); rest.size() >= 10; rest = rest.subspan(10)) {
             const std::size_t at = (rest[0] + std::size_t{256} * rest[1]) % size;
             std::memcpy(raw + at, rest.data() + 2, std::min<std::size_t>(8, size - at));
@@ -143,7 +142,7 @@ void footer(Bytes bytes) {
     std::vector<std::byte> tail = bytes_behind_hdf5(found.footer.hdf5_end, catalogue);
     if (choice == 2) {
         patch(tail.data() + tail.size() - kFooterBytes, kFooterBytes);
-    } else if (choice == 3) {  // a right checksum of a footer that says anything
+    } else if (choice == 3) {  // a footer of arbitrary bytes with a valid checksum
         std::byte* const last = tail.data() + tail.size() - kFooterBytes;
         constexpr std::size_t kSummed = 48;
         patch(last, 40);
@@ -169,7 +168,7 @@ void label_table(Bytes bytes) {
     if (bytes.empty()) {
         return;
     }
-    const std::size_t name_bytes = 1 + bytes[0] % LabelName::kMostBytes;
+    const std::size_t name_bytes = 1 + bytes[0] % LabelName::kMaxBytes;
     const TypeHandle type = label_row_type(name_bytes);
     const std::size_t row = H5Tget_size(type.get());
     const hsize_t count = (bytes.size() - 1) / row;
@@ -261,7 +260,7 @@ const std::vector<Target>& targets() {
         {"netcdf3", [](Bytes bytes) { one_file("v.nc", bytes); }},
         {"vtk", [](Bytes bytes) { one_file("v.vtk", bytes); }},
         {"vti", [](Bytes bytes) { one_file("v.vti", bytes); }},
-        {"far_zarr", far_zarr},
+        {"far_zarr", remote_zarr},
         {"answer", answer},
         {"object_url", object_url},
         {"cached_block", cached_block},

@@ -1,5 +1,5 @@
-"""Vertices joined by their positions make the same mesh: no two of them lie in one place, and no edge has more than two
-triangles, also where the isovalue is that of nodes. Joined by numpy, and by VTK's reader of STL.
+"""Joining vertices by position gives the same mesh: no two have the same position, and no edge has more than two
+triangles, even if nodes have the isovalue. Joined by numpy, and by VTK's STL reader.
 
 Usage: apart_test.py ISONEST PLUGIN_FOLDER
 """
@@ -62,7 +62,7 @@ def edge_counts(triangles):
 
 
 def joined(points, triangles):
-    """How many vertices are in a place of their own, and the triangles of the places."""
+    """The number of vertices with a position of their own, and the triangles by position."""
     places, of = np.unique(points + np.float32(0), axis=0, return_inverse=True)
     return len(places), of.reshape(-1)[triangles]
 
@@ -80,7 +80,7 @@ def noise(shape, levels, seed, kind="u1"):
 
 
 def touching_balls():
-    """Balls of radius 4 whose surfaces have nodes in common: values are exact."""
+    """Balls of radius 4 whose surfaces share nodes: values are exact."""
     z, y, x = np.mgrid[:17, :19, :33].astype("f4")
     return np.maximum(16 - (x - 8) ** 2 - (y - 9) ** 2 - (z - 8) ** 2,
                       16 - (x - 16) ** 2 - (y - 9) ** 2 - (z - 8) ** 2).astype("f4")
@@ -144,11 +144,12 @@ with tempfile.TemporaryDirectory() as name:
         for options in (whole, [*whole, "--cells", "hex"], [*whole, "--close"], [*whole, "--close", "--cells", "hex"],
                         [*whole, "--close", "--cells", "hex", "--box", box],
                         [*whole, "--close=above"], [*whole, "--box", box], [*whole, "--box", box, "--close"],
-                        ["--error", 0.7], ["--error", 0.7, "--cells", "hex"], ["--error", 0.7, "--simplify"],
+                        ["--error", 0.7, "--effort", "none"], ["--error", 0.7, "--cells", "hex", "--effort", "none"],
+                        ["--error", 0.7], ["--error", 0.7, "--cells", "tet"],
                         ["--error", 0.7, "--close"], ["--error", 0.7, "--vertices", "exact"],
                         ["--distance", 0.3 * voxel], ["--distance", 0.3 * voxel, "--effort", "fast"],
                         ["--distance", 0.3 * voxel, "--cells", "tet"], ["--distance", 0.6 * voxel, "--close"],
-                        ["--distance", 0.6 * voxel, "--no-simplify"], ["--triangles", 3000]):
+                        ["--distance", 0.6 * voxel, "--effort", "none"], ["--triangles", 3000]):
             (points, triangles), report = extracted(store, iso, *options)
             case = (what, options)
             counts = require_apart(points, triangles, case)
@@ -171,14 +172,14 @@ with tempfile.TemporaryDirectory() as name:
             assert np.array_equal(np.bincount(edge_counts(t)), counts), (options, end)
             assert np.array_equal(np.unique(p, axis=0), np.unique(points, axis=0)), (options, end)
 
-    # Moves are small, are what the report says, and leave all else where it is: a little beside the isovalue every
-    # vertex is alone in its place, almost where it is at the isovalue.
+    # Moves are small and as reported, and all other vertices stay where they are. Slightly beside the isovalue every
+    # vertex has a position of its own, almost the same as at the isovalue.
     write_volume(volume, noise((12, 13, 14), 3, 8))
     run("preprocess", volume, "-o", store, "--force")
     for cells in ("tet", "hex"):
         (points, _), report = extracted(store, 1, "--error", 0, "--cells", cells)
         assert report["apart_vertices"] > 100 and 2 ** -16 <= report["coordinate_rounding"] < 5 * 2 ** -16, report
-        off = np.abs(points.astype("f8") * 2 - np.round(points.astype("f8") * 2)).max(1)  # nodes, middles of edges
+        off = np.abs(points.astype("f8") * 2 - np.round(points.astype("f8") * 2)).max(1)  # nodes, midpoints of edges
         off = np.minimum(off, np.abs(points.astype("f8") * 3 - np.round(points.astype("f8") * 3)).max(1))  # centres
         moved = (off > 2 ** -17) & (off < 2 ** -10)
         assert abs(moved.sum() - report["apart_vertices"]) <= 0.1 * report["apart_vertices"], (moved.sum(), report)
@@ -190,7 +191,8 @@ with tempfile.TemporaryDirectory() as name:
     small = folder / "small"
     run("preprocess", volume, "-o", store, "--force")
     run("preprocess", volume, "-o", small, "--force", "--chunk", 16)
-    for options in (["--error", 0], ["--error", 0, "--cells", "hex"], ["--error", 0, "--close"], ["--error", 1.2]):
+    for options in (["--error", 0], ["--error", 0, "--cells", "hex"], ["--error", 0, "--close"],
+                    ["--error", 1.2, "--effort", "none"]):
         meshes = set()
         for of, more in ((store, []), (store, ["--threads", 1]), (small, ["--threads", 7]),
                          (small, ["--memory", "40M", "--threads", 2])):
@@ -199,7 +201,7 @@ with tempfile.TemporaryDirectory() as name:
             meshes.add(path.read_bytes())
         assert len(meshes) == 1, options
 
-    # A mesh that is turned into the world's axes is rounded once more.
+    # A mesh that is rotated into the world's axes is rounded once more.
     c, s = np.cos(0.3), np.sin(0.3)
     axes = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
     for origin in ((0, 0, 0), (-2000, 3000, 10)):

@@ -1,5 +1,6 @@
-// Closed surfaces: watertight, and around as much as the solid in all tetrahedra has, each cut by
-// itself, or as the hexahedra's surface in a volume with one more layer of nodes around it.
+// Closed surfaces: watertight, and their volume is that of the solid in all tetrahedra, each
+// clipped separately, or that of the hexahedra's surface in a volume with an additional layer of
+// nodes.
 #include <catch2/catch.hpp>
 #include <cstdint>
 #include <functional>
@@ -19,7 +20,7 @@ using namespace isonest::detail::test;
 namespace {
 
 constexpr Double3 kFar{1e9, 1e9, 1e9};
-constexpr int kRounds = 100;  // of random volumes
+constexpr int kRounds = 100;  // number of random volumes
 using Corners = std::array<Double3, 4>;
 
 double at(const Double3& p, const Double3& q, double t, std::size_t i) {
@@ -39,8 +40,8 @@ double volume_of(const Corners& v) {
            6;
 }
 
-/// Cuts a tetrahedron, and what it leaves, at functions that are linear in it: where each of them
-/// is >= 0. `functions`: their values at the corners.
+/// Clips a tetrahedron, and what remains of it, at linear functions, keeping the part where each is
+/// >= 0. `functions`: their values at the corners. Returns the volume.
 double volume_within(const Corners& v, std::vector<std::array<double, 4>> functions) {
     if (functions.empty()) {
         return volume_of(v);
@@ -91,7 +92,7 @@ double volume_within(const Corners& v, std::vector<std::array<double, 4>> functi
         }
         return volume_within(corners, values);
     };
-    // Prisms are three tetrahedra.
+    // Prisms are divided into three tetrahedra.
     const auto prism = [&](const std::array<Point, 3>& a, const std::array<Point, 3>& b) {
         return piece({a[0], a[1], a[2], b[0]}) + piece({a[1], a[2], b[0], b[1]}) +
                piece({a[2], b[0], b[1], b[2]});
@@ -108,12 +109,13 @@ double volume_within(const Corners& v, std::vector<std::array<double, 4>> functi
                  {between(in[0], out[0]), between(in[1], out[0]), between(in[2], out[0])});
 }
 
-/// Of what is not below the isovalue (or below it) in the box, in cubic distances of nodes.
+/// Volume of the part of the box that is not below the isovalue (or is below it), in cubes of the
+/// node distance.
 double solid_volume(const StoreReader& store, double iso, double error, const ClipBox& box,
                     Outside outside) {
     ChunkCache cache(store, 1U << 22U);
     double sum = 0;
-    const StopsBelow stop{Tolerance{error, {}, {}, {1, 1, 1}, {}}, Field::deviation_bar};
+    const StopsBelow stop{Tolerance{error, {}, {}, {}, {}}, Field::deviation_bar};
     for_each_leaf<3>(
         cache, stop, volume_box(store.layout().lattice()),
         [&](std::uint64_t, std::span<const DomainLeaf<3>> leaves) {
@@ -221,7 +223,7 @@ ClipBox lattice_box(const StoreReader& store, const std::optional<WorldBox>& box
     return clip;
 }
 
-/// The nodes of a lattice within a box, and where its faces cut it.
+/// Positions of the lattice's nodes within a box and of the box's faces.
 std::vector<double> planes_within(double lo, double hi) {
     std::vector<double> planes{lo};
     for (auto x = static_cast<std::int64_t>(std::floor(lo)) + 1; static_cast<double>(x) < hi; ++x) {
@@ -231,9 +233,9 @@ std::vector<double> planes_within(double lo, double hi) {
     return planes;
 }
 
-/// What solid_volume() is of tetrahedra, of hexahedra at full resolution: the trilinear function
-/// at the planes of the box, with a layer of nodes around them that is far outside, has a surface
-/// without a border. Each axis of it is then stretched to where its planes are.
+/// solid_volume() for hexahedra at full resolution: the trilinear function sampled at the planes of
+/// the box, with a surrounding layer of nodes whose values are far outside, has a surface without a
+/// border. Each axis is then stretched so that the planes are in their places.
 template <class T>
 double solid_volume_of_cells(const FunctionVolume<T>& volume, double iso, const ClipBox& box,
                              Outside outside) {
@@ -275,7 +277,7 @@ double solid_volume_of_cells(const FunctionVolume<T>& volume, double iso, const 
     make_store(padded, folder / "s", with_chunk(8));
     const StoreReader store(folder / "s");
     Extraction e;
-    // What has the isovalue counts as larger at the faces of the box.
+    // Values equal to the isovalue count as larger at the faces of the box.
     e.iso = std::nextafter(iso, -std::numeric_limits<double>::infinity());
     e.cells = Cells::hexahedra;
     extract(store, folder / "m.ply", e, silent_progress());
@@ -309,25 +311,24 @@ double trilinear_value(const FunctionVolume<T>& volume, const Double3& p) {
     return sum;
 }
 
-/// How many nodes have the isovalue, and a vertex of their own: polygons there have other
-/// diagonals.
+/// Number of nodes at the isovalue with a vertex of their own: polygons there have other diagonals.
 template <class T>
 std::size_t hits_within(const FunctionVolume<T>& volume, double iso, const ClipBox& box) {
     std::size_t hits = 0;
     for (std::int64_t i = 0; i < volume.nodes().product(); ++i) {
         const Int3 p = volume.nodes().unlinear(i);
-        bool is_far = volume.at(p) == iso;
+        bool is_inside = volume.at(p) == iso;
         for (int axis = 0; axis < 3; ++axis) {
             const auto a = static_cast<std::size_t>(axis);
             const auto x = static_cast<double>(p[axis]);
-            is_far = is_far && x - 1 > box.lo[a] && x + 1 < box.hi[a];
+            is_inside = is_inside && x - 1 > box.lo[a] && x + 1 < box.hi[a];
         }
-        hits += is_far ? 1 : 0;
+        hits += is_inside ? 1 : 0;
     }
     return hits;
 }
 
-/// Of both sides of the isovalue, and of their sum; of tetrahedra about the same.
+/// Checks the volumes on both sides of the isovalue and their sum; tetrahedra give about the same.
 template <class T>
 void require_solid_of_cells(const FunctionVolume<T>& volume, const StoreReader& store, double iso,
                             const std::optional<WorldBox>& world) {
@@ -343,14 +344,14 @@ void require_solid_of_cells(const FunctionVolume<T>& volume, const StoreReader& 
     }
     const auto hits = static_cast<double>(hits_within(volume, iso, box));
     double sum = 0;
-    double moved = 0;  // vertices, each by up to 4 steps of 2^-16
+    double moved = 0;  // number of vertices moved, each by up to 4 steps of 2^-16
     for (const Outside outside : {Outside::below, Outside::above}) {
         Settings with{0, world, outside};
         with.cells = Cells::hexahedra;
         const Closed r = closed(store, iso, with);
         require_watertight(r.mesh);
         const double found = enclosed(r.mesh);
-        // Where triangles were mended polygons have other diagonals as well.
+        // Where triangles were mended, polygons have other diagonals as well.
         const double diagonals =
             cell * (hits + 0.05 * static_cast<double>(r.report.mending.mended));
         CAPTURE(static_cast<int>(outside), hits, r.report.mending.mended);
@@ -438,7 +439,7 @@ void require_solids(const Int3& n, const std::function<T(const Int3&)>& f,
 
 }  // namespace
 
-TEST_CASE("a closed surface is watertight around as much as the cells hold") {
+TEST_CASE("a closed surface is watertight and encloses the volume of the solid in the cells") {
     for (const Int3& n : {Int3{2, 2, 2}, Int3{5, 4, 7}, Int3{17, 17, 17}, Int3{3, 20, 6}}) {
         require_solids<float>(n, smooth_f, {-0.4, 0.1, 0.6}, {0, 0.02, 0.3, 2});
     }
@@ -446,14 +447,14 @@ TEST_CASE("a closed surface is watertight around as much as the cells hold") {
     require_solids<float>({9, 7, 6}, smooth_f, {0.1}, {0, 0.2}, {1, 1, 10});
 }
 
-TEST_CASE("noise is closed at every tolerance") {
+TEST_CASE("a surface of noise is closed at every tolerance") {
     const auto f = [](const Int3& p) { return static_cast<float>(noise(p)); };
     for (const Int3& n : {Int3{5, 4, 7}, Int3{14, 11, 9}}) {
         require_solids<float>(n, f, {0.3, 0.9}, {0, 0.1, 0.4, 0.8});
     }
 }
 
-TEST_CASE("what has the isovalue exactly is closed as well") {
+TEST_CASE("a surface through nodes at the isovalue is closed as well") {
     for (const Int3& n : {Int3{2, 2, 2}, Int3{5, 4, 7}, Int3{11, 9, 12}}) {
         require_solids<std::uint8_t>(n, few_levels, {1, 2, 3}, {0, 1.5});
         require_solids<std::uint8_t>(
@@ -462,15 +463,15 @@ TEST_CASE("what has the isovalue exactly is closed as well") {
         require_solids<std::uint8_t>(
             n, [](const Int3& p) { return static_cast<std::uint8_t>(p.z / 2); }, {1, 2}, {0, 0.6});
     }
-    // Large enough to have nodes that no leaf at a face reaches.
+    // Large enough to have nodes that no leaf at a face contains.
     require_solids<std::uint8_t>({35, 26, 37}, few_levels, {2}, {0, 2.5});
     require_solids<std::uint8_t>(
         {35, 26, 37}, [](const Int3& p) { return static_cast<std::uint8_t>(9 + 4 * smooth(p)); },
         {9}, {0, 1, 3});
 }
 
-TEST_CASE("values all but at the isovalue are closed") {
-    // So near that a crossing is rounded to the node.
+TEST_CASE("surfaces of values very close to the isovalue are closed") {
+    // So close that a crossing is rounded to the node.
     const auto f = [](const Int3& p) {
         const double u = noise(p);
         return u < 0.3 ? 1e-30 : u < 0.6 ? -1e-30 : u < 0.8 ? 1.0 : -1.0;
@@ -478,7 +479,7 @@ TEST_CASE("values all but at the isovalue are closed") {
     require_solids<double>({7, 8, 6}, f, {0}, {0, 0.5, 3});
 }
 
-TEST_CASE("a constant volume is the box or nothing") {
+TEST_CASE("the closed surface of a constant volume is the box or empty") {
     FunctionVolume<std::uint8_t> volume({6, 5, 9}, [](const Int3&) { return std::uint8_t{7}; });
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
@@ -508,7 +509,7 @@ TEST_CASE("a constant volume is the box or nothing") {
     }
 }
 
-TEST_CASE("caps lie in the faces and face outward") {
+TEST_CASE("caps are in the faces and face outward") {
     FunctionVolume<float> volume({17, 18, 17}, smooth_f);
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
@@ -556,7 +557,7 @@ TEST_CASE("caps lie in the faces and face outward") {
     }
 }
 
-TEST_CASE("random volumes, isovalues, tolerances and boxes are closed") {
+TEST_CASE("surfaces are closed for random volumes, isovalues, tolerances and boxes") {
     std::mt19937_64 random(20);
     const auto below = [&](std::int64_t n) {
         return static_cast<std::int64_t>(random() % static_cast<std::uint64_t>(n));
@@ -645,7 +646,7 @@ TEST_CASE("a closed mesh does not depend on chunks, threads and memory") {
     }
 }
 
-TEST_CASE("what is closed stays open at missing values alone, and the report says so") {
+TEST_CASE("a closed surface is open only at missing values, and the report says so") {
     const auto f = [](const Int3& p) {
         const bool missing = p == Int3{7, 6, 5} || p == Int3{0, 3, 3};
         return missing ? std::numeric_limits<float>::quiet_NaN() : smooth_f(p);
@@ -680,7 +681,7 @@ TEST_CASE("what is closed stays open at missing values alone, and the report say
                 if (edges.count({edge.second, edge.first}) == 0) {
                     for (const std::uint32_t v : {edge.first, edge.second}) {
                         border.insert(v);
-                        // No further from a missing node than the cells around it.
+                        // Not farther from a missing node than the surrounding cells.
                         const auto near = [&](const Int3& p) {
                             bool all = true;
                             for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -728,7 +729,7 @@ Mesh mesh_of(const MeshCollector& collected) {
 
 }  // namespace
 
-TEST_CASE("vertices of caps carry the function's value and its gradient's direction") {
+TEST_CASE("vertices of caps have the function's value and the direction of its gradient") {
     const Cells cells = GENERATE(Cells::tetrahedra, Cells::hexahedra);
     FunctionVolume<float> volume({14, 17, 12}, smooth_f);
     const TemporaryFolder folder;
@@ -776,7 +777,9 @@ TEST_CASE("vertices of caps carry the function's value and its gradient's direct
     CHECK(above > 100);
 }
 
-TEST_CASE("a closed surface stays closed within a distance, by place, and without its specks") {
+TEST_CASE(
+    "a closed surface stays closed within a distance, with a focus or camera, and without its "
+    "small components") {
     const auto f = [](const Int3& p) {
         const bool speck = p.x % 6 == 5 && p.y % 6 == 5 && p.z % 6 == 5;
         return speck ? 1.0F : smooth_f(p);
@@ -801,11 +804,12 @@ TEST_CASE("a closed surface stays closed within a distance, by place, and withou
     queries[2].focus = Focus{{4, 4, 4}, {6, 6, 6}, 0.5};
     queries[3].camera = Camera{{-5, 3, 40}, 40, 64, 16};
     if (cells == Cells::hexahedra) {
-        // Those have no caps with an error, and know no places.
+        // With an error, hexahedral cells have no caps, and they do not support focus or camera.
         queries.resize(2);
     }
-    queries.emplace_back(query).stop = DistanceBound{0.2, false, Effort::fast};
-    queries.emplace_back(query).stop = TriangleBudget{full.triangles.size() / 3};
+    queries.emplace_back(query).stop = DistanceBound{0.2};
+    queries.back().effort = Effort::fast;
+    queries.emplace_back(query).stop = TriangleBudgetByDistance{full.triangles.size() / 3};
     for (const SurfaceQuery& q : queries) {
         CAPTURE(&q - queries.data());
         MeshCollector mesh;

@@ -1,4 +1,4 @@
-// Components: those that are kept, against a search through the whole mesh in memory.
+// Components: those that are kept, compared with a search of the whole mesh in memory.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <deque>
@@ -18,7 +18,7 @@ namespace {
 using Point = std::array<float, 3>;
 using Corners = std::vector<Point>;
 
-/// A triangle or a line of the mesh, by its places.
+/// The triangles or lines of the mesh, by the positions of their corners.
 std::vector<Corners> elements_of(const MeshCollector& mesh) {
     std::vector<Corners> elements;
     for (const auto& t : mesh.triangles) {
@@ -47,7 +47,7 @@ struct Found {
     double volume = 0;
 };
 
-/// Breadth first, from the lowest vertex that was not met.
+/// Breadth-first search, starting at the lowest vertex that has not been visited.
 std::vector<Found> components_of(const MeshCollector& mesh) {
     const auto elements = numbers_of(mesh);
     std::vector<std::vector<std::size_t>> around(mesh.vertices.size());
@@ -110,8 +110,8 @@ std::vector<bool> kept_of(const std::vector<Found>& found, const ComponentChoice
     std::vector<bool> kept(found.size());
     std::vector<std::size_t> order;
     for (std::size_t i = 0; i < found.size(); ++i) {
-        kept[i] = found[i].elements.size() >= choice.least_triangles &&
-                  (!found[i].closed || choice.least_volume <= std::fabs(found[i].volume));
+        kept[i] = found[i].elements.size() >= choice.min_triangles &&
+                  (!found[i].closed || choice.min_volume <= std::fabs(found[i].volume));
         if (kept[i]) {
             order.push_back(i);
         }
@@ -140,7 +140,7 @@ class Volume {
         options.memory = memory;
         options.scratch = folder_.path();
         const ExtractReport r = isonest::extract(*store_, query, mesh, options);
-        CHECK(folder_.names().size() == 1);  // nothing left behind
+        CHECK(folder_.names().size() == 1);  // no other file is left
         return r;
     }
 
@@ -149,7 +149,7 @@ class Volume {
     std::optional<Store> store_;
 };
 
-/// What is kept of a surface is what the search says, in the same order.
+/// The elements kept are those that the search selects, in the same order.
 ExtractReport require_as_searched(const Volume& volume, SurfaceQuery query,
                                   const ComponentChoice& choice) {
     MeshCollector whole;
@@ -192,7 +192,7 @@ struct Ball {
     double radius;
 };
 
-/// Positive inside of a ball, and between the surfaces of a hollow one.
+/// Positive inside a ball, and between the two surfaces of a hollow one.
 float balls_at(const std::vector<Ball>& balls, const Int3& p) {
     double most = -3;
     for (const Ball& b : balls) {
@@ -204,7 +204,7 @@ float balls_at(const std::vector<Ball>& balls, const Int3& p) {
     return static_cast<float>(most);
 }
 
-/// Shells and solid balls, two of them alike, and one cut by the volume's border.
+/// Shells and solid balls, two of them equal, and one clipped by the volume's border.
 FunctionVolume<float> some_balls() {
     const std::vector<Ball> balls{{{12, 12, 12}, 9.3}, {{32.2, 12, 12}, 6.4}, {{32, 32, 32}, 2.6},
                                   {{16, 32, 32}, 2.6}, {{32, 16, 32}, 3.7},   {{16, 16, 34}, 2.4},
@@ -218,13 +218,14 @@ float grains(const Int3& p) {
 
 }  // namespace
 
-TEST_CASE("balls are kept as a search through the mesh says") {
+TEST_CASE("balls are kept or dropped as a search of the mesh says") {
     FunctionVolume<float> balls = some_balls();
     balls.spacing_ = {0.5, 1, 2};
     const Volume volume(balls);
     for (const double error : {0.0, 0.3}) {
         SurfaceQuery query;
         query.stop = ErrorBound{error};
+        query.effort = Effort::none;
         require_as_searched(volume, query, {});
         for (const std::uint64_t largest : {1, 2, 3, 6, 7, 8, 50}) {
             require_as_searched(volume, query, {largest});
@@ -237,7 +238,7 @@ TEST_CASE("balls are kept as a search through the mesh says") {
         }
         require_as_searched(volume, query, {2, 60, 100});
     }
-    // The open ones stay whatever volume is asked for.
+    // Open components are kept for any minimum volume.
     MeshCollector mesh;
     SurfaceQuery query;
     query.stages.components = ComponentChoice{0, 0, 1e9};
@@ -260,7 +261,7 @@ TEST_CASE("of equally large components the one with the lowest vertex is kept") 
     }
 }
 
-TEST_CASE("components of noise, with holes and cut by a box") {
+TEST_CASE("components of noise, with holes and clipped by a box") {
     FunctionVolume<float> volume({25, 24, 23}, [](const Int3& p) {
         return noise(p, 3) < 0.05 ? std::numeric_limits<float>::quiet_NaN() : grains(p);
     });
@@ -288,10 +289,10 @@ TEST_CASE("isolines have components as well, but no volume") {
     }
     MeshCollector mesh;
     query.stages.components = ComponentChoice{0, 0, 1};
-    CHECK_THROWS_WITH(map.extract(query, mesh), Catch::Contains("no volume"));
+    CHECK_THROWS_WITH(map.extract(query, mesh), Catch::Contains("minimum volume"));
 }
 
-TEST_CASE("what is kept does not depend on threads, memory and chunks") {
+TEST_CASE("the kept components do not depend on threads, memory and chunks") {
     FunctionVolume<float> volume({22, 25, 18}, grains);
     SurfaceQuery query;
     query.iso = 0.5;
@@ -319,7 +320,7 @@ TEST_CASE("what is kept does not depend on threads, memory and chunks") {
     }
 }
 
-TEST_CASE("components are dropped before a distance simplifies") {
+TEST_CASE("components are dropped before the mesh is simplified within a distance") {
     FunctionVolume<float> balls = some_balls();
     const Volume volume(balls);
     SurfaceQuery query;
@@ -332,7 +333,8 @@ TEST_CASE("components are dropped before a distance simplifies") {
     const ExtractReport r = volume.extract(query, mesh);
     const auto found = components_of(whole);
     const auto kept = kept_of(found, *query.stages.components);
-    // Fewer triangles than the least, and still there: it is asked of those that were extracted.
+    // Simplified to fewer triangles than the minimum, but kept: the minimum refers to the extracted
+    // triangles.
     CHECK(r.triangles < (all - r.components->dropped_triangles) / 3);
     CHECK(r.distance->full_triangles == all);
     CHECK(r.distance->bound > 0);
@@ -349,7 +351,7 @@ TEST_CASE("components are dropped before a distance simplifies") {
     CHECK(none.components->dropped_triangles == all);
 }
 
-TEST_CASE("a surface that is not there has no components") {
+TEST_CASE("an empty surface has no components") {
     FunctionVolume<float> balls = some_balls();
     const Volume volume(balls);
     for (const double distance : {0.0, 0.5}) {
@@ -365,7 +367,7 @@ TEST_CASE("a surface that is not there has no components") {
     }
 }
 
-TEST_CASE("a volume that makes no sense is refused") {
+TEST_CASE("an invalid volume is refused") {
     FunctionVolume<float> balls = some_balls();
     const Volume volume(balls);
     for (const double least : {-1.0, std::numeric_limits<double>::quiet_NaN(),
@@ -377,7 +379,9 @@ TEST_CASE("a volume that makes no sense is refused") {
     }
 }
 
-TEST_CASE("a number of triangles that many components make impossible names fewer of them") {
+TEST_CASE(
+    "a number of triangles that is too small for the components is refused with the advice to keep "
+    "fewer of them") {
     // Balls of two sizes; each keeps at least the four triangles of a tetrahedron.
     FunctionVolume<float> volume({49, 33, 33}, [](const Int3& p) {
         const bool is_large = p.x < 32;
@@ -390,7 +394,7 @@ TEST_CASE("a number of triangles that many components make impossible names fewe
     const Store store(folder / "s");
     SurfaceQuery query;
     query.iso = 0;
-    query.stop = TriangleBudget{30};
+    query.stop = TriangleBudgetByDistance{30};
     MeshCollector mesh;
     try {
         extract(store, query, mesh);
@@ -403,7 +407,7 @@ TEST_CASE("a number of triangles that many components make impossible names fewe
     query.stages.components = ComponentChoice{1, 0, 0};
     CHECK(extract(store, query, mesh).triangles <= 30);
     // One component has no others to drop.
-    query.stop = TriangleBudget{3};
+    query.stop = TriangleBudgetByDistance{3};
     try {
         extract(store, query, mesh);
         FAIL("a closed surface has four triangles at least");

@@ -1,11 +1,10 @@
-// Meshes in temporary files: corners in 32 and in 64 bits, and how much space is taken.
-#include "query/mesh/corner_file.h"
-
+// Meshes in temporary files: corners of 32 and 64 bits, and how much space they take.
 #include <catch2/catch.hpp>
 #include <cstdint>
 #include <span>
 #include <vector>
 
+#include "query/mesh/scratch_mesh.h"
 #include "store/files/scratch_file.h"
 #include "tests/support/test_support.h"
 
@@ -14,9 +13,9 @@ using namespace isonest::detail::test;
 
 namespace {
 
-constexpr std::uint64_t kFew = 0xFFFFFFFE;  ///< vertices, of which corners take 32 bits
+constexpr std::uint64_t kFew = 0xFFFFFFFE;  ///< number of vertices up to which corners take 32 bits
 
-/// `count` of them, with the last of `vertices` among them.
+/// `count` triangles, with the last of `vertices` among their corners.
 std::vector<ElementCorners> some_corners(std::uint64_t count, std::uint64_t vertices) {
     std::vector<ElementCorners> corners;
     for (std::uint64_t i = 0; i < count; ++i) {
@@ -28,7 +27,7 @@ std::vector<ElementCorners> some_corners(std::uint64_t count, std::uint64_t vert
 
 }  // namespace
 
-TEST_CASE("Corners come back as they were written, whatever bits they take") {
+TEST_CASE("Corners are read back unchanged, in 32 or 64 bits") {
     const TemporaryFolder folder;
     const auto [vertices, bits, each] = GENERATE(table<std::uint64_t, CornerFile::Bits, int>({
         {1, CornerFile::Bits::as_needed, 12},
@@ -68,7 +67,7 @@ TEST_CASE("Corners come back as they were written, whatever bits they take") {
     REQUIRE(file.all().empty());
 }
 
-TEST_CASE("A view of a vector is what the vector holds") {
+TEST_CASE("A view of a vector gives the elements of the vector") {
     const std::vector<ElementCorners> corners = some_corners(20, 30);
     const CornerView view = corners;
     REQUIRE(std::vector<ElementCorners>(view.begin(), view.end()) == corners);
@@ -76,7 +75,7 @@ TEST_CASE("A view of a vector is what the vector holds") {
     REQUIRE(CornerView().begin() == CornerView().end());
 }
 
-TEST_CASE("The meter knows how much temporary space there was at a time") {
+TEST_CASE("The meter reports the peak of the temporary space") {
     const TemporaryFolder folder;
     const auto scratch = ScratchFolder::metered(folder.path());
     const ScratchMeter& meter = *scratch.meter();
@@ -92,7 +91,7 @@ TEST_CASE("The meter knows how much temporary space there was at a time") {
         first.release(8192, 81920);
         ScratchFile second(scratch);
         second.map(81920);
-        REQUIRE(meter.peak() == 160000);  // where the file system can punch holes
+        REQUIRE(meter.peak() == 160000);  // if the file system can punch holes
         ScratchFile moved(std::move(first));
         moved.clear();
         second.map(150000);

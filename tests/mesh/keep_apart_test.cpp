@@ -1,5 +1,5 @@
-// Vertices in one place are moved apart: each to its sheet's own side, no further than promised,
-// and no triangle loses its area.
+// Vertices with the same position are moved apart: each toward its own sheet, not farther than
+// promised, and no triangle loses its area.
 #include "query/apart/keep_apart.h"
 
 #include <catch2/catch.hpp>
@@ -11,8 +11,7 @@
 #include <isonest/march.h>
 #include <isonest/memory_volume.h>
 
-#include "query/apart/touched_triangles.h"
-#include "query/mesh/nudge_vertex.h"
+#include "query/mesh/mend_triangles.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -28,7 +27,7 @@ struct Sheets {
     std::vector<ElementCorners> triangles;
 
     /// A pyramid without a base around its apex; its triangles face away from the axis if
-    /// `outward`. The apex' number.
+    /// `outward`. Returns the apex' number.
     std::uint64_t add_pyramid(const Place& apex, float height, bool outward, int corners = 4) {
         const std::uint64_t first = positions.size();
         positions.push_back(apex);
@@ -71,7 +70,7 @@ constexpr float kNowhere = std::numeric_limits<float>::quiet_NaN();
 ApartRange without_box() {
     constexpr float kFar = 1e30F;
     return {true,
-            {kLeastApart, kLeastApart, kLeastApart},
+            {kMinApart, kMinApart, kMinApart},
             {},
             {-kFar, -kFar, -kFar},
             {kFar, kFar, kFar},
@@ -81,7 +80,7 @@ ApartRange without_box() {
 
 }  // namespace
 
-TEST_CASE("Sheets that touch in a node are moved to their own sides") {
+TEST_CASE("Sheets that touch in a node are moved apart, each to its own side") {
     Sheets sheets;
     const Place at{3, 4, 5};
     const std::uint64_t up = sheets.add_pyramid(at, 1, false);
@@ -90,29 +89,29 @@ TEST_CASE("Sheets that touch in a node are moved to their own sides") {
     const ApartVertices apart = sheets.keep_apart(without_box());
     CHECK(apart.moved == 2);
     CHECK(apart.left == 0);
-    CHECK(sheets.positions[up][2] == 5 + static_cast<float>(kLeastApart));
-    CHECK(sheets.positions[down][2] == 5 - static_cast<float>(kLeastApart));
-    CHECK(apart.by[2] == kLeastApart);
+    CHECK(sheets.positions[up][2] == 5 + static_cast<float>(kMinApart));
+    CHECK(sheets.positions[down][2] == 5 - static_cast<float>(kMinApart));
+    CHECK(apart.by[2] == kMinApart);
     for (std::size_t v = 0; v < before.size(); ++v) {
         CHECK((sheets.positions[v] == before[v]) == (v != up && v != down));
     }
 }
 
-TEST_CASE("Sheets with one normal go different ways along it") {
+TEST_CASE("Sheets with the same normal are moved by different distances along it") {
     Sheets sheets;
     for (int i = 0; i < 3; ++i) {
         sheets.add_pyramid({1, 1, 1}, 1, true);
-        for (std::size_t k = 1; k <= 4; ++k) {  // other vertices are alone
+        for (std::size_t k = 1; k <= 4; ++k) {  // other vertices have positions of their own
             sheets.positions[sheets.positions.size() - k][2] += static_cast<float>(i);
         }
     }
     const ApartVertices apart = sheets.keep_apart(without_box());
     CHECK(apart.left == 0);
     CHECK(sheets.places() == sheets.positions.size());
-    CHECK(apart.by[2] <= kMostApart * kLeastApart);
+    CHECK(apart.by[2] <= kMaxApart * kMinApart);
 }
 
-TEST_CASE("Forty vertices in one place find places, also far from 0") {
+TEST_CASE("Forty vertices at one position are all moved apart, even far from the origin") {
     for (const float origin : {0.0F, 1000.0F, 1e6F}) {
         Sheets sheets;
         std::mt19937 random(7);
@@ -135,7 +134,7 @@ TEST_CASE("Forty vertices in one place find places, also far from 0") {
                 const double unit =
                     std::nextafter(std::fabs(before[v][axis]), 1e30F) - std::fabs(before[v][axis]);
                 CHECK(std::fabs(sheets.positions[v][axis] - before[v][axis]) <=
-                      kMostApart * std::max(unit, kLeastApart) * 1.001);
+                      kMaxApart * std::max(unit, kMinApart) * 1.001);
             }
         }
         CHECK(places.size() == apart.moved);
@@ -153,7 +152,7 @@ TEST_CASE("A vertex in a face of the box stays in it, and the mesh keeps its box
     const std::uint64_t down = sheets.add_pyramid(at, -1, false);
     ApartRange range = without_box();
     range.low_faces = {0, kNowhere, kNowhere};
-    range.hi[2] = 2;  // as if nothing of it were above
+    range.hi[2] = 2;  // as if the sheet were entirely below
     const ApartVertices apart = sheets.keep_apart(range);
     CHECK(apart.left == 0);
     CHECK(sheets.positions[up] == at);
@@ -172,7 +171,7 @@ TEST_CASE("In a corner of the box one of two vertices leaves the faces") {
     CHECK(apart.moved == 1);
 }
 
-TEST_CASE("Where steps are too long vertices are counted and stay") {
+TEST_CASE("If steps of float32 are too long, vertices are counted but not moved") {
     Sheets sheets;
     sheets.add_pyramid({1, 1, 1}, 1, false);
     sheets.add_pyramid({1, 1, 1}, -1, false);
@@ -185,7 +184,7 @@ TEST_CASE("Where steps are too long vertices are counted and stay") {
     CHECK(sheets.positions == before);
 }
 
-TEST_CASE("What is alone stays") {
+TEST_CASE("Vertices with a position of their own are not moved") {
     Sheets sheets;
     sheets.add_pyramid({1, 1, 1}, 1, false);
     const std::vector<Place> before = sheets.positions;
@@ -193,7 +192,7 @@ TEST_CASE("What is alone stays") {
     CHECK(sheets.positions == before);
 }
 
-TEST_CASE("No two vertices of a marched volume are in one place") {
+TEST_CASE("No two vertices of a marched volume have the same position") {
     for (const unsigned levels : {2U, 3U, 5U}) {
         for (const double origin : {0.0, 1e5}) {
             std::mt19937 random(levels);

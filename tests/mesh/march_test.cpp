@@ -1,11 +1,11 @@
-// The fast ways through the marching of tetrahedra lead where the slow one does.
+// The fast paths of marching tetrahedra give the same result as the slow one.
 #include <catch2/catch.hpp>
 #include <map>
 #include <random>
 
 #include "query/march/local_mesh.h"
 #include "store/base/box.h"
-#include "store/lattice/bisection.h"
+#include "store/lattice/simplex.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -16,7 +16,8 @@ namespace {
 
 constexpr double kIso = 1;
 
-/// Marches the six tetrahedra of a cube of edge 1 one by one; how many have nodes on both sides.
+/// Marches the six tetrahedra of a cube of edge 1 one by one; returns the number with nodes on both
+/// sides.
 template <class Value>
 unsigned march_tetrahedra(LocalMesh& mesh, const Int3& cube, const Value& value) {
     unsigned crossed = 0;
@@ -41,7 +42,7 @@ unsigned march_tetrahedra(LocalMesh& mesh, const Int3& cube, const Value& value)
 
 using NameKey = std::tuple<std::uint64_t, std::uint64_t, int>;
 
-/// Which vertex (or none) each name that other parts may have stands for.
+/// The vertex, or none, that each name shared with other parts stands for.
 std::map<NameKey, std::uint32_t> names_of(const MeshPart& part) {
     std::map<NameKey, std::uint32_t> names;
     for (const MeshPart::Name& n : part.names) {
@@ -64,7 +65,7 @@ void require_equal(const MeshPart& a, const MeshPart& b) {
 }  // namespace
 
 TEST_CASE(
-    "a cube's case has the triangles of its six tetrahedra, for all sides and mirror images") {
+    "a cube's case gives the triangles of its six tetrahedra, for all sides and mirror images") {
     std::mt19937 random(1);
     std::uniform_real_distribution<double> away(0.1, 1);
     LocalMesh by_case(nullptr);
@@ -102,7 +103,7 @@ TEST_CASE(
     REQUIRE(triangles > 8 * 256 * 2);
 }
 
-TEST_CASE("vertices are the same whether a table or hashing finds them") {
+TEST_CASE("vertices are the same by table and by hashing") {
     std::mt19937 random(2);
     LocalMesh by_table(nullptr);
     LocalMesh by_hashing(nullptr);
@@ -112,7 +113,7 @@ TEST_CASE("vertices are the same whether a table or hashing finds them") {
     for (int round = 0; round < 200; ++round) {
         Box<double> box(kLow, kCells + Int3{1, 1, 1});
         for (double& value : box.data) {
-            value = static_cast<double>(random() % 3);  // a third of the nodes has the isovalue
+            value = static_cast<double>(random() % 3);  // a third of the nodes are at the isovalue
         }
         by_table.place(kLow, 0, kCells);
         for (std::int64_t i = 0; i < kCells.product(); ++i) {

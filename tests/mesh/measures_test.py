@@ -1,5 +1,5 @@
-"""Area and volume that `extract` reports, against sums over the triangles of the mesh that it wrote: those of numpy in
-float64, and those of VTK.
+"""Area and volume that `extract` reports, compared with sums over the triangles of the mesh that it wrote: by numpy in
+float64, and by VTK.
 
 Usage: measures_test.py ISONEST PLUGIN_FOLDER
 """
@@ -21,12 +21,12 @@ from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D, vtkMassProperties
 from vtkmodules.vtkIOPLY import vtkPLYReader
 
 ISONEST = sys.argv[1]
-MIDDLE = np.array((9, 8, 10))  # of the balls, in nodes: x, y, z
+MIDDLE = np.array((9, 8, 10))  # centre of the balls, in nodes: x, y, z
 RADIUS = 6.3
 
 
 class Mesh:
-    """A file's triangles, and what they measure."""
+    """The triangles of a file, and their area and volume."""
 
     def __init__(self, path):
         reader = vtkPLYReader()
@@ -37,7 +37,7 @@ class Mesh:
         if self.data.GetNumberOfPolys():
             self.triangles = vtk_to_numpy(self.data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
             points = vtk_to_numpy(self.data.GetPoints().GetData()).astype("f8")
-            # About a point of the surface, so that what is far from the origin loses no digits.
+            # Relative to a point of the surface, so that no digits are lost far from the origin.
             self.corners = (points - points[0])[self.triangles]
         else:
             self.corners = np.zeros((0, 3, 3))
@@ -47,12 +47,12 @@ class Mesh:
         return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
 
     def signed_volume(self):
-        """Of a closed mesh. Positive if the triangles, whose corners turn left seen from outside, face away from it."""
+        """Volume of a closed mesh. Positive if the triangles, counter-clockwise as seen from outside, face outward."""
         a, b, c = self.corners.transpose(1, 0, 2)
         return np.einsum("ij,ij->", a, np.cross(b, c)) / 6
 
     def is_closed(self):
-        """Whether every edge is passed as often in one direction as in the other."""
+        """Whether every edge is traversed equally often in both directions."""
         passes = np.concatenate([self.triangles[:, [i, (i + 1) % 3]] for i in range(3)])
         edges, place = np.unique(np.sort(passes, 1), axis=0, return_inverse=True)
         balance = np.bincount(place.ravel(), np.sign(passes[:, 1] - passes[:, 0]), len(edges))
@@ -94,7 +94,7 @@ class MeasuresTest(unittest.TestCase):
         return done.stdout
 
     def measured(self, store, *options, iso=0.0, unit=""):
-        """The mesh, after both forms of its report were compared with it; and the report as JSON."""
+        """The mesh, after comparing it with both forms of its report; and the report as JSON."""
         command = ("extract", store, "--iso", iso, "-o", "m.ply", *options)
         report = json.loads(self.run_program(*command, "--json"))
         mesh = Mesh(self.here / "m.ply")
@@ -123,7 +123,8 @@ class MeasuresTest(unittest.TestCase):
         return mesh, report
 
     def test_a_sphere_within_the_volume_is_closed_and_faces_outwards(self):
-        for options in ((), ("--cells", "hex"), ("--error", 0.3), ("--cells", "hex", "--error", 0.3), ("--normals",),
+        for options in ((), ("--cells", "tet"), ("--error", 0.3, "--effort", "none"), ("--error", 0.1), ("--normals",),
+                        ("--cells", "hex", "--error", 0.3, "--effort", "none"),
                         ("--vertices", "exact")):
             with self.subTest(options=options):
                 mesh, report = self.measured("ball", *options)
@@ -135,7 +136,7 @@ class MeasuresTest(unittest.TestCase):
     def test_a_simplified_surface_is_measured_as_it_is_written(self):
         full = self.measured("ball")[1]
         for options in (("--distance", 0.3), ("--distance", 0.3, "--effort", "fast"), ("--triangles", 300),
-                        ("--error", 0.3, "--simplify"), ("--distance", 0.3, "--no-simplify")):
+                        ("--error", 0.3), ("--distance", 0.3, "--effort", "none")):
             with self.subTest(options=options):
                 mesh, report = self.measured("ball", *options)
                 self.assertTrue(mesh.is_closed())
@@ -194,7 +195,7 @@ class MeasuresTest(unittest.TestCase):
                     if not options:
                         volumes[cells, side] = report["volume"]
                         self.assertGreater(report["area"], opened["area"])
-            # Both sides of one surface fill the box.
+            # The two sides of one surface fill the box.
             self.assertAlmostEqual((volumes[cells, "below"] + volumes[cells, "above"]) / total, 1, delta=1e-5)
             box = ("--box", "3,1,2,15,9.5,18")
             mesh, report = self.measured("ball", *box, "--close", "--cells", cells)
@@ -204,7 +205,7 @@ class MeasuresTest(unittest.TestCase):
             self.assertAlmostEqual(volumes["hex", side] / volumes["tet", side], 1, delta=5e-3)
 
     def test_a_closed_surface_of_hexahedra_holds_what_that_of_vtk_holds_in_a_padded_volume(self):
-        """A layer of nodes far outside leaves no border; its cells are flat. VTK has other diagonals."""
+        """A layer of nodes far outside leaves no border; its cells are flat. VTK uses other diagonals."""
         for side, far in (("below", -1e30), ("above", 1e30)):
             grid = vtkImageData()
             padded = np.pad(np.load(self.here / "v.npy").astype("f8"), 1, constant_values=far)
@@ -223,12 +224,13 @@ class MeasuresTest(unittest.TestCase):
         box = ("--box", "3,1,2,15,9.5,18")
         for store, options in (("ball", ("--close",)), ("waves", ("--close",)), ("waves", ("--close=above",)),
                                ("waves", ("--close", *box)), ("placed", ("--close=above",)),
-                               ("waves", ("--close", "--guarantee", "plus"))):
-            full = self.measured(store, *options, unit="mm" if store == "placed" else "")[1]["volume"]
+                               ("waves", ("--close", "--indicator", "plus"))):
+            full = self.measured(store, *options, "--cells", "tet", unit="mm" if store == "placed" else "")[1]["volume"]
             before = np.inf
             for error in (0.4, 0.05, 0):
                 with self.subTest(store=store, options=options, error=error):
-                    command = ("extract", store, "--iso", 0, "-o", "m.ply", *options, "--error", error)
+                    command = ("extract", store, "--iso", 0, "-o", "m.ply", *options, "--error", error, "--effort", "none",
+                               "--cells", "tet")
                     report = json.loads(self.run_program(*command, "--volume-interval", "--json"))
                     least, most = report.pop("full_volume_interval")
                     self.assertLess(least, full)
@@ -244,15 +246,15 @@ class MeasuresTest(unittest.TestCase):
             self.assertLess(before, 1e-4 * full)
 
     def test_the_interval_is_that_of_outer_solids(self):
-        """Whatever the guarantee and the budget, from the error that the report names."""
-        for options in (("--error-relative", 0.1), ("--error", 0.2, "--simplify"), ("--triangles", 300, "--by", "error"),
-                        ("--triangles", 300, "--by", "error", "--simplify")):
+        """For all guarantees and budgets, with the error that is reported."""
+        for options in (("--error-relative", 0.1, "--effort", "none"), ("--error", 0.2), ("--triangles", 300, "--by", "error"),
+                        ("--triangles", 300, "--by", "error", "--effort", "none")):
             with self.subTest(options=options):
                 command = ("extract", "waves", "-o", "m.ply", "--close=above", "--json")
                 report = json.loads(self.run_program(*command, "--iso", 0, "--volume-interval", *options))
                 error = report["tolerance"]
                 self.assertGreater(error, 0)
-                volumes = [json.loads(self.run_program(*command, "--iso", iso, "--error", error))["volume"]
+                volumes = [json.loads(self.run_program(*command, "--iso", iso, "--error", error, "--effort", "none", "--cells", "tet"))["volume"]
                            for iso in (-error, error)]
                 np.testing.assert_allclose(report["full_volume_interval"], volumes, rtol=1e-5)
 
@@ -265,7 +267,7 @@ class MeasuresTest(unittest.TestCase):
         for options, closed in (((), False), (("--close",), True), (("--close", "--distance", "0.2mm"), True)):
             with self.subTest(options=options):
                 self.assertEqual(self.measured("placed", *options, unit="mm")[0].is_closed(), closed)
-        # A distance of nodes is 2 x 0.5 x 1.25 mm3.
+        # A node distance is 2 x 0.5 x 1.25 mm3.
         _, nodes = self.measured("waves", "--close")
         _, millimetres = self.measured("placed", "--close", unit="mm")
         self.assertAlmostEqual(millimetres["volume"] / nodes["volume"], 1.25, delta=1e-3)

@@ -1,4 +1,4 @@
-// The angles, area and volume that the report states, against all angles of the mesh, sorted, and
+// The reported angles, area and volume, compared with a sorted list of all angles of the mesh and
 // sums over its triangles.
 #include "query/mesh/measuring_sink.h"
 
@@ -18,7 +18,7 @@ namespace {
 
 using Point = std::array<float, 3>;
 
-/// By the law of cosines, each of the three.
+/// The three angles, by the law of cosines.
 double angle_of(const Point& a, const Point& b, const Point& c) {
     const auto size = [](const Point& p, const Point& q) {
         return std::hypot(static_cast<long double>(p[0]) - q[0],
@@ -63,7 +63,7 @@ void require_sorted(const TriangleQuality& q, const MeshCollector& mesh) {
           Approx(static_cast<double>(narrow) / static_cast<double>(angles.size())).margin(1e-4));
 }
 
-/// Of all triangles, in long double; the volume with its sign, from the first vertex.
+/// Of all triangles, in long double; the volume is signed, relative to the first vertex.
 std::array<long double, 2> area_and_volume(const MeshCollector& mesh) {
     std::array<long double, 2> sums{};
     for (const auto& t : mesh.triangles) {
@@ -100,7 +100,7 @@ bool is_closed(const MeshCollector& mesh) {
     return std::all_of(passed.begin(), passed.end(), [](const auto& p) { return p.second == 0; });
 }
 
-/// Takes batches in order, and twice.
+/// Requests batches in order, in two passes.
 class TwiceInOrder : public MeshCollector {
   public:
     [[nodiscard]] bool concurrent() const override { return false; }
@@ -112,7 +112,7 @@ class TwiceInOrder : public MeshCollector {
 
 }  // namespace
 
-TEST_CASE("smallest angles are those of the law of cosines, down to triangles without area") {
+TEST_CASE("smallest angles agree with the law of cosines, down to triangles without area") {
     CHECK(smallest_angle({0, 0, 0}, {1, 0, 0}, {0, 1, 0}) == Approx(45));
     CHECK(smallest_angle({1, 0, 0}, {0, 1, 0}, {0, 0, 1}) == Approx(60));
     CHECK(smallest_angle({0, 0, 0}, {1, 0, 0}, {1, 1e-4F, 0}) == Approx(0.00572957786));
@@ -129,7 +129,7 @@ TEST_CASE("smallest angles are those of the law of cosines, down to triangles wi
     }
 }
 
-TEST_CASE("the report's angles are the mesh's, for any threads and any sink") {
+TEST_CASE("the reported angles are those of the mesh, for any threads and any sink") {
     FunctionVolume<float> volume(
         {45, 38, 41}, [](const Int3& p) { return static_cast<float>(smooth(p) + 0.1 * noise(p)); });
     const TemporaryFolder folder;
@@ -172,7 +172,8 @@ TEST_CASE("the report's angles are the mesh's, for any threads and any sink") {
 }
 
 TEST_CASE(
-    "area and volume are the mesh's, for any threads, memory and sink; an open mesh has none") {
+    "the reported area and volume are those of the mesh, for any threads, memory and sink; an open "
+    "mesh has no volume") {
     FunctionVolume<float> volume(
         {45, 38, 41}, [](const Int3& p) { return static_cast<float>(smooth(p) + 0.1 * noise(p)); });
     const TemporaryFolder folder;
@@ -220,7 +221,7 @@ TEST_CASE(
     CHECK(m.volume == 0.0);
 }
 
-TEST_CASE("a ball's area and volume; a void counts negative") {
+TEST_CASE("a ball's area and volume; a void has a negative volume") {
     const auto radius = [](const Int3& p) {
         return static_cast<float>(std::hypot(p.x - 20, p.y - 20, p.z - 20));
     };

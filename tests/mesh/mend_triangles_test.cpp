@@ -1,5 +1,6 @@
-// Triangles without area are taken out of a mesh, or given one: none is left, the topology is what
-// it was, and nothing lies further off than the report says. Against slow paths of this file.
+// Triangles without area are removed from a mesh or given an area: none remains, the topology is
+// preserved, and vertices move at most as far as reported. Compared with slow implementations in
+// this file.
 #include "query/mesh/mend_triangles.h"
 
 #include <algorithm>
@@ -25,7 +26,7 @@ struct Triangles {
     std::vector<Corners> corners;
 };
 
-/// Whether a * b and c * d are the same numbers, not only rounded to the same.
+/// Whether a * b and c * d are exactly equal, not only after rounding.
 bool same_product(double a, double b, double c, double d) {
     const double p = a * b;
     const double q = c * d;
@@ -51,8 +52,8 @@ std::size_t flat_triangles(const Triangles& mesh) {
                       [&](const Corners& t) { return is_flat(mesh, t); }));
 }
 
-/// What a homeomorphism keeps: of each component the Euler characteristic and the number of
-/// borders. Fails where the mesh is not an oriented manifold.
+/// Invariants under homeomorphisms: the Euler characteristic and the number of borders of each
+/// component. Fails if the mesh is not an oriented manifold.
 std::multiset<std::pair<std::int64_t, std::size_t>> shape_of(const Triangles& mesh) {
     std::vector<std::uint32_t> parent(mesh.positions.size());
     for (std::uint32_t v = 0; v < parent.size(); ++v) {
@@ -78,7 +79,7 @@ std::multiset<std::pair<std::int64_t, std::size_t>> shape_of(const Triangles& me
     }
     REQUIRE(used.size() == mesh.positions.size());
     std::map<std::uint32_t, std::pair<std::int64_t, std::size_t>> shapes;
-    std::map<std::uint32_t, std::uint32_t> border;  // the other way round
+    std::map<std::uint32_t, std::uint32_t> border;  // in the opposite direction
     for (const auto& [side, count] : sides) {
         const auto [a, b] = side;
         const bool has_other = sides.count({b, a}) > 0;
@@ -131,7 +132,7 @@ Double3 wide(const Point& p) {
     return {p[0], p[1], p[2]};
 }
 
-/// Of the corners and centres of `from`'s triangles from `to`, at most.
+/// The maximum distance of the corners and centres of `from`'s triangles from `to`.
 double distance_between(const Triangles& from, const Triangles& to) {
     double most = 0;
     for (const Corners& t : from.corners) {
@@ -162,17 +163,17 @@ struct Mended {
     MendedTriangles result;
 };
 
-Mended mended(const Triangles& before, double least_step = 0x1p-20) {
+Mended mended(const Triangles& before, double min_step = 0x1p-20) {
     const TemporaryFolder folder;
     ScratchMesh scratch(folder.path());
     MeshLayout layout;
     layout.vertices = before.positions.size();
     layout.elements = before.corners.size();
-    layout.row_bytes = sizeof(float);  // its x, to see that rows stay with their vertices
+    layout.row_bytes = sizeof(float);  // its x, to check that rows stay with their vertices
     layout.attributes = {{"value", 1, false, 0}};
-    constexpr float kMost = std::numeric_limits<float>::max();
-    layout.lo = {kMost, kMost, kMost};
-    layout.hi = {-kMost, -kMost, -kMost};
+    constexpr float kMax = std::numeric_limits<float>::max();
+    layout.lo = {kMax, kMax, kMax};
+    layout.hi = {-kMax, -kMax, -kMax};
     std::vector<float> rows;
     for (const Point& p : before.positions) {
         rows.push_back(p[0]);
@@ -190,8 +191,8 @@ Mended mended(const Triangles& before, double least_step = 0x1p-20) {
     scratch.add_elements({0, corners, {}, {}});
     scratch.end();
     Mended m;
-    m.result = mend_triangles(scratch, {least_step, least_step, least_step}, folder.path(),
-                              silent_progress());
+    m.result =
+        mend_triangles(scratch, {min_step, min_step, min_step}, folder.path(), silent_progress());
     CHECK(folder.names().empty());
     m.mesh.positions.assign(scratch.positions().begin(), scratch.positions().end());
     for (const ElementCorners t : scratch.corners()) {
@@ -211,7 +212,7 @@ double length_of(const Double3& a) {
     return std::hypot(a[0], a[1], a[2]);
 }
 
-/// Mends, and checks all that is promised.
+/// Mends, and checks everything that is promised.
 Mended require_mended(const Triangles& before) {
     CAPTURE(before.corners.size());
     const Mended m = mended(before);
@@ -225,7 +226,7 @@ Mended require_mended(const Triangles& before) {
     return m;
 }
 
-/// Of nx x ny squares, each two triangles.
+/// nx x ny squares of two triangles each.
 Triangles grid(std::uint32_t nx, std::uint32_t ny,
                const std::function<Point(std::uint32_t, std::uint32_t)>& at) {
     Triangles mesh;
@@ -248,7 +249,7 @@ Point flat_at(std::uint32_t x, std::uint32_t y) {
     return {static_cast<float>(x), static_cast<float>(y), 1};
 }
 
-/// A torus, or with `open` a tube, of n x n squares.
+/// A torus, or, if `open`, a tube, of n x n squares.
 Triangles torus(std::uint32_t n, bool open, const std::function<Point(double, double)>& at) {
     Triangles mesh;
     const std::uint32_t rows = n + (open ? 1 : 0);
@@ -288,7 +289,7 @@ Triangles octahedron(const std::function<Point(const Point&)>& at) {
 
 }  // namespace
 
-TEST_CASE("a mesh whose triangles have an area stays as it is") {
+TEST_CASE("a mesh whose triangles all have an area is not changed") {
     const Triangles before = grid(7, 5, flat_at);
     const Mended m = require_mended(before);
     CHECK(m.mesh.positions == before.positions);
@@ -296,7 +297,7 @@ TEST_CASE("a mesh whose triangles have an area stays as it is") {
     CHECK(m.result.moved_vertices == 0);
 }
 
-TEST_CASE("an edge without length is collapsed, inside and on the border") {
+TEST_CASE("an edge of zero length is collapsed, inside and on the border") {
     for (const std::uint32_t y : {0U, 2U, 5U}) {
         const Triangles before = grid(6, 5, [&](std::uint32_t i, std::uint32_t j) {
             return flat_at(i == 3 && j == y ? 2 : i, j);
@@ -308,9 +309,8 @@ TEST_CASE("an edge without length is collapsed, inside and on the border") {
     }
 }
 
-TEST_CASE(
-    "a triangle that is a segment is flipped, and dropped where its longest side is a border") {
-    // The corners 0, 1 and 2 lie on a line.
+TEST_CASE("a triangle that is a segment is flipped, or dropped if its longest side is a border") {
+    // The corners 0, 1 and 2 are on a line.
     Triangles inside{{{0, 0, 0}, {2, 0, 0}, {1, 0, 0}, {1, 2, 0}, {1, -2, 0}},
                      {{0, 1, 2}, {1, 0, 4}, {1, 3, 2}, {3, 0, 2}}};
     const Mended flipped = require_mended(inside);
@@ -323,15 +323,15 @@ TEST_CASE(
     CHECK(dropped.result.moved_vertices == 0);
 }
 
-TEST_CASE("a side is not flipped into an edge that is there already") {
-    // Around vertex 1 are three triangles; 0 lies between 1 and 2, and shares an edge with 3.
+TEST_CASE("a side is not flipped into an existing edge") {
+    // Vertex 1 is surrounded by three triangles; 0 lies between 1 and 2, and shares an edge with 3.
     const Mended m = require_mended(
         Triangles{{{1, 0, 0}, {0, 0, 0}, {2, 0, 0}, {1, 2, 0}}, {{0, 1, 2}, {2, 1, 3}, {1, 0, 3}}});
     CHECK(m.mesh.corners.size() == 3);
     CHECK(m.result.moved_vertices == 1);
 }
 
-TEST_CASE("a closed component at one point, or on a segment, gets a volume and stays closed") {
+TEST_CASE("a closed component in a single point, or on a segment, gets a volume and stays closed") {
     for (const float origin : {0.0F, 1.0F, -3e6F}) {
         for (const float stretch : {0.0F, 4.0F}) {
             const Triangles before = octahedron([&](const Point& p) {
@@ -344,14 +344,14 @@ TEST_CASE("a closed component at one point, or on a segment, gets a volume and s
     }
 }
 
-TEST_CASE("a component keeps its holes when it has shrunk to a point") {
+TEST_CASE("a component that has shrunk to a point keeps its holes") {
     require_mended(torus(9, false, [](double, double) { return Point{5, 6, 7}; }));
     require_mended(torus(9, true, [](double, double) { return Point{5, 6, 7}; }));
     require_mended(grid(1, 1, [](std::uint32_t, std::uint32_t) { return Point{5, 6, 7}; }));
     require_mended(Triangles{{{1, 1, 1}, {2, 1, 1}, {3, 1, 1}}, {{0, 1, 2}}});
 }
 
-TEST_CASE("a neck that has closed up stays a neck") {
+TEST_CASE("a neck of zero width stays a neck") {
     require_mended(torus(8, true, [](double around, double along) {
         const double r = std::fabs(along - M_PI) < 0.5 ? 0 : 1;
         return Point{static_cast<float>(r * std::cos(around)),
@@ -359,7 +359,7 @@ TEST_CASE("a neck that has closed up stays a neck") {
     }));
 }
 
-TEST_CASE("large clusters of vertices at one place, and on one line, are mended") {
+TEST_CASE("large clusters of vertices at one position, or on one line, are mended") {
     const auto in = [](std::uint32_t i) { return i > 5 && i < 30; };
     const auto to_point = [&](std::uint32_t x, std::uint32_t y) {
         return in(x) && in(y) ? flat_at(17, 17) : flat_at(x, y);
@@ -378,7 +378,7 @@ TEST_CASE("large clusters of vertices at one place, and on one line, are mended"
     }
 }
 
-TEST_CASE("a hundred thousand triangles at one place are mended soon") {
+TEST_CASE("a hundred thousand triangles at one position are mended quickly") {
     const Triangles before = grid(230, 230, [](std::uint32_t, std::uint32_t) {
         return Point{1, 2, 3};
     });
@@ -389,7 +389,7 @@ TEST_CASE("a hundred thousand triangles at one place are mended soon") {
     CHECK(shape_of(m.mesh) == shape_of(before));
 }
 
-TEST_CASE("a vertex where two sheets touch goes on joining them") {
+TEST_CASE("a vertex where two sheets touch still joins them after mending") {
     // Two triangles with one common corner, and on each side one more without area.
     const Triangles before{{{0, 0, 0}, {2, 0, 0}, {0, 2, 0}, {-2, 0, 0}, {0, -2, 0}, {1, 0, 0}},
                            {{0, 1, 2}, {0, 3, 4}, {1, 0, 5}}};
@@ -401,7 +401,7 @@ TEST_CASE("a vertex where two sheets touch goes on joining them") {
 
 namespace {
 
-/// A volume somewhere else.
+/// A volume with another origin.
 template <class T>
 class PlacedVolume : public FunctionVolume<T> {
   public:
@@ -446,7 +446,7 @@ Surface surface_of(const Int3& n, const std::function<T(const Int3&)>& f, const 
     return s;
 }
 
-/// The mesh less the origin, so that what is left of both can be compared.
+/// The mesh relative to the origin, so that the two can be compared.
 Triangles moved_back(Triangles mesh, const Double3& origin) {
     for (Point& p : mesh.positions) {
         for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -457,7 +457,7 @@ Triangles moved_back(Triangles mesh, const Double3& origin) {
 }
 
 template <class T>
-void require_mended_far_away(const std::function<T(const Int3&)>& f, double iso, double origin,
+void require_mended_remotely(const std::function<T(const Int3&)>& f, double iso, double origin,
                              const std::optional<WorldBox>& box) {
     const Int3 n{12, 11, 13};
     SurfaceQuery query;
@@ -481,7 +481,8 @@ void require_mended_far_away(const std::function<T(const Int3&)>& f, double iso,
 }  // namespace
 
 TEST_CASE(
-    "surfaces of volumes far from 0 have no triangle without area, and the shape of near ones") {
+    "surfaces of volumes far from the origin have no triangle without area, and the shape of near "
+    "ones") {
     std::uint64_t mended_in_all = 0;
     std::int64_t seed = 0;
     for (const double origin : {4000.3, 150000.7, 1000000.6, 3000000.5}) {
@@ -493,12 +494,12 @@ TEST_CASE(
                 box = WorldBox{{3 * r(1), 3 * r(2), 3 * r(3)},
                                {8 + 3 * r(4), 7 + 3 * r(5), 9 + 3 * r(6)}};
             }
-            require_mended_far_away<float>(
+            require_mended_remotely<float>(
                 [&](const Int3& p) {
                     return static_cast<float>(smooth(p) + 0.8 * noise(p, 77 + seed));
                 },
                 0.3, origin, box);
-            require_mended_far_away<std::uint8_t>(
+            require_mended_remotely<std::uint8_t>(
                 [&](const Int3& p) {
                     return static_cast<std::uint8_t>(3 * noise(p, 99 + seed) + 3 * r(7) +
                                                      2 * smooth(p));
@@ -538,7 +539,7 @@ TEST_CASE("the mended mesh is the same for any threads, memory and chunks") {
     }
 }
 
-TEST_CASE("what components are chosen from and a distance simplifies has been mended") {
+TEST_CASE("a mesh is mended before components are chosen and it is simplified") {
     const auto f = [](const Int3& p) { return static_cast<float>(smooth(p) + 0.4 * noise(p)); };
     SurfaceQuery query;
     query.iso = 0.3;

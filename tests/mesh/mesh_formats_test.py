@@ -1,4 +1,4 @@
-"""Every mesh format, read by programs that are not ours: VTK, h5py, and glTF and 3MF by their specifications.
+"""Every mesh format, read by independent programs: VTK, h5py, and parsers of glTF and 3MF by their specifications.
 
 Usage: mesh_formats_test.py ISONEST PLUGIN_FOLDER
 """
@@ -41,7 +41,7 @@ def vtk_mesh(reader, path):
 
 
 def vtp_arrays(path):
-    """Those of a .vtp by name, read as XML that has nothing but letters in it, and the texts of its field data."""
+    """The arrays of a .vtp file by name, read as plain XML without appended data, and the strings of its field data."""
     root = ElementTree.fromstring(path.read_bytes())
     assert root.attrib == {"type": "PolyData", "version": "1.0", "byte_order": "LittleEndian", "header_type": "UInt64"}
     assert not root.findall(".//AppendedData")
@@ -96,7 +96,7 @@ def glb(path):
 
 
 def three_mf(path):
-    """Vertices as they are printed, triangles; or None without an object."""
+    """Vertices as printed, and triangles; None without an object."""
     with zipfile.ZipFile(path) as z:
         assert z.testzip() is None
         entries = z.infolist()
@@ -134,7 +134,7 @@ with tempfile.TemporaryDirectory() as name:
     run("make-volume", "bucky", "--size", 33, "-o", folder / "v.h5")
     run("preprocess", folder / "v.h5", "-o", store, "--chunk", 16, "--spacing", "1,2,0.5",
         "--origin", "-3,4,5")
-    common = ("extract", store, "--iso", 0.5, "--error-relative", 0.01, "--normals",
+    common = ("extract", store, "--iso", 0.5, "--error-relative", 0.01, "--effort", "none", "--normals",
               "--vertex-values", store, "--vertex-error", "deviation_bar", "--json")
     report = run(*common, "-o", folder / "m.ply")
     points, polys, data = vtk_mesh(vtkPLYReader(), folder / "m.ply")
@@ -189,10 +189,10 @@ with tempfile.TemporaryDirectory() as name:
     assert np.array_equal(g["indices"].reshape(-1, 3), polys)
     assert np.array_equal(g["_VALUE"][:, 0], value) and np.array_equal(g["_ERROR"][:, 0], error)
 
-    # The printed digits are those of the same float32, and no fewer would be; larger meshes than one piece.
+    # The printed digits identify the same float32 and are as few as possible; meshes larger than one piece.
     printed, triangles = three_mf(folder / "m.3mf")
     assert np.array_equal(np.array(printed, "f4"), points) and np.array_equal(triangles, polys)
-    full = ("extract", store, "--iso", 0.5, "--json", "-o")
+    full = ("extract", store, "--iso", 0.5, "--cells", "tet", "--json", "-o")
     assert run(*full, folder / "f.ply")["vertices"] > 5000
     points, polys, _ = vtk_mesh(vtkPLYReader(), folder / "f.ply")
     for options in ((), ("--threads", 1), ("--threads", 3, "--memory", "20M")):
@@ -205,22 +205,22 @@ with tempfile.TemporaryDirectory() as name:
     for text, number in zip(np.ravel(printed), points.ravel()):
         assert digits(text) == digits(np.format_float_scientific(number)), (text, number)
 
-    # Rows of .vtp that end within three bytes, from many parts and batches at once.
+    # Rows of .vtp that end in the middle of three bytes of base64, from many parts and batches at once.
     run("preprocess", folder / "v.h5", "-o", folder / "um", "--chunk", 16, "--unit", "um")
     forms = {}
     for options in ((), ("--threads", 1), ("--threads", 3, "--memory", "20M")):
         for extra in ((), ("--vertex-values", folder / "um"), ("--components", "largest")):
-            run("extract", folder / "um", "--iso", 0.5, "-o", folder / "f.vtp", *options, *extra)
+            run("extract", folder / "um", "--iso", 0.5, "--cells", "tet", "-o", folder / "f.vtp", *options, *extra)
             whole = (folder / "f.vtp").read_bytes()
             assert forms.setdefault(extra, whole) == whole, (options, extra)
-    run("extract", folder / "um", "--iso", 0.5, "-o", folder / "f.ply")
+    run("extract", folder / "um", "--iso", 0.5, "--cells", "tet", "-o", folder / "f.ply")
     points, polys, _ = vtk_mesh(vtkPLYReader(), folder / "f.ply")
-    run("extract", folder / "um", "--iso", 0.5, "-o", folder / "f.vtp")
+    run("extract", folder / "um", "--iso", 0.5, "--cells", "tet", "-o", folder / "f.vtp")
     vtp_points, vtp_polys, vtp = vtk_mesh(vtkXMLPolyDataReader(), folder / "f.vtp")
     assert np.array_equal(vtp_polys, polys) and np.array_equal(vtp_points, points) and len(points) > 5000
     assert vtp.GetFieldData().GetAbstractArray("unit").GetValue(0) == "um" == vtp_arrays(folder / "f.vtp")[1]["unit"]
 
-    # Empty meshes are files of their kind too.
+    # Empty meshes are valid files of their formats.
     for end in ("ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf"):
         r = run("extract", store, "--iso", 99, "-o", folder / f"e.{end}", "--json")
         assert r["triangles"] == 0 and (folder / f"e.{end}").stat().st_size > 0
@@ -254,7 +254,7 @@ with tempfile.TemporaryDirectory() as name:
     lines = reader.GetOutput()
     radius = np.linalg.norm(vtk_to_numpy(lines.GetPoints().GetData()), axis=1)
     assert lines.GetNumberOfLines() > 20 and np.abs(radius - np.sqrt(200)).max() < 0.02
-    # Values that float32 does not hold are float64, where the format has that.
+    # Values that float32 cannot represent are float64, if the format supports that.
     far = 1e9 + (np.indices((9, 11, 13)).sum(0) % 4)
     with h5py.File(folder / "far.h5", "w") as f:
         f["v"] = far
@@ -272,7 +272,7 @@ with tempfile.TemporaryDirectory() as name:
         else:
             at, _, mesh = vtk_mesh({"ply": vtkPLYReader, "vtp": vtkXMLPolyDataReader}[end](),
                                    folder / f"far.{end}")
-            if end == "ply":  # VTK's reader takes no other properties than its own
+            if end == "ply":  # VTK's reader ignores properties that it does not know
                 head, body = (folder / "far.ply").read_bytes().split(b"end_header\n", 1)
                 kinds = [("p", "<f4", 3), ("n", "<f4", 3), ("value", "<f8"), ("error", "<f4")]
                 assert b"property double value\nproperty float error" in head
@@ -288,7 +288,7 @@ with tempfile.TemporaryDirectory() as name:
         assert off == r["value_rounding"] == r["error_bound"] and (off > 0) == (end == "glb"), end
     run("slice", folder / "far", "--plane", "0,0,1,4", "-o", folder / "far.png")
 
-    # Several isovalues in one file: each vertex and each cell says which one it is of.
+    # Several isovalues in one file: each vertex and each cell has its isovalue.
     for isovalues, kind in (((0.5, 99.0, 0.25), "f4"), ((0.5, 99.0, 0.3), "f8"), ((98.0, 99.0), "f4")):
         own = [run("extract", store, "--iso", v, "-o", folder / "one.vtp", "--json") for v in isovalues]
         of_points = np.repeat(np.array(isovalues, kind), [r["vertices"] for r in own])

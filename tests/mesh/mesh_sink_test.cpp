@@ -1,4 +1,4 @@
-// What a sink gets is the mesh that the file has, in whatever order it comes.
+// A sink receives the same mesh as the file has, in any order.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <mutex>
@@ -15,7 +15,7 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// A store of a noisy volume, and one of another on the same lattice.
+/// A store of a noisy volume, and another one on the same lattice.
 struct Subject {
     Subject()
         : volume({41, 37, 33}, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); }),
@@ -28,7 +28,7 @@ struct Subject {
     [[nodiscard]] SurfaceQuery query() const {
         SurfaceQuery q;
         q.iso = 0.3;
-        q.stop = ErrorBound{0.05, false, Guarantee::deviation};
+        q.stop = ErrorBound{0.05, false, ErrorIndicator::deviation};
         q.box = WorldBox{{1.5, 2.25, 3}, {38, 30.5, 29.75}};
         q.attributes.normals = true;
         q.attributes.values = &*values;
@@ -48,7 +48,7 @@ struct Subject {
     std::optional<Store> values;
 };
 
-/// Notes what comes, and fails on order, counts and sizes that were not promised.
+/// Records the calls, and detects an order, counts or sizes that were not announced.
 class Witness : public MeshSink {
   public:
     Witness(bool concurrent, int passes) : concurrent_(concurrent), passes_(passes) {}
@@ -65,7 +65,7 @@ class Witness : public MeshSink {
     }
     void add_vertices(const VertexBatch& batch) override {
         const std::lock_guard lock(mutex_);
-        right = right && batch.positions.size() <= kMostRows && batch.row_bytes == 24 &&
+        right = right && batch.positions.size() <= kMaxRows && batch.row_bytes == 24 &&
                 batch.attributes.size() == 24 * batch.positions.size();
         right = right && (concurrent_ || (batch.first == vertices_seen && elements_seen == 0));
         vertices_seen += batch.positions.size();
@@ -74,7 +74,7 @@ class Witness : public MeshSink {
     }
     void add_elements(const ElementBatch& batch) override {
         const std::lock_guard lock(mutex_);
-        right = right && batch.corners.size() <= kMostRows &&
+        right = right && batch.corners.size() <= kMaxRows &&
                 batch.nearby_corners.size() == batch.corners.size();
         right = right && (concurrent_ ||
                           (batch.first == elements_seen && vertices_seen == layout_.vertices));
@@ -113,7 +113,7 @@ class Witness : public MeshSink {
 
 }  // namespace
 
-TEST_CASE("a collector holds the mesh that the file has, numbers and attributes included") {
+TEST_CASE("a collector gets the same mesh as the file, including numbers and attributes") {
     const Subject subject;
     const Mesh file = subject.in_file();
     REQUIRE(file.triangles.size() > 1000);
@@ -136,12 +136,12 @@ TEST_CASE("a collector holds the mesh that the file has, numbers and attributes 
         }
         CHECK(same);
         CHECK(std::any_of(mesh.values.begin(), mesh.values.end(), [](double v) {
-            return v != static_cast<double>(static_cast<float>(v));  // float64 came through
+            return v != static_cast<double>(static_cast<float>(v));  // has float64 precision
         }));
     }
 }
 
-TEST_CASE("batches come in the promised order and pass after pass, at once or one by one") {
+TEST_CASE("batches arrive in the promised order and pass after pass, concurrently or one by one") {
     const Subject subject;
     const Mesh file = subject.in_file();
     for (const bool concurrent : {false, true}) {
@@ -159,7 +159,7 @@ TEST_CASE("batches come in the promised order and pass after pass, at once or on
     }
 }
 
-TEST_CASE("callbacks see every vertex before the first triangle, and the box of all") {
+TEST_CASE("callbacks get every vertex before the first triangle, and the bounding box of all") {
     const Subject subject;
     std::uint64_t vertices = 0;
     std::uint64_t triangles = 0;
@@ -200,7 +200,8 @@ TEST_CASE("contour lines are lines in memory, with their value") {
     }
 }
 
-TEST_CASE("a sink that throws ends the extraction with what it threw, and a file leaves nothing") {
+TEST_CASE(
+    "an exception of a sink ends the extraction and reaches the caller, and no file is left") {
     const Subject subject;
     struct Own {};
     CallbackSink thrower({}, [](const ElementBatch&) { throw Own{}; });
@@ -222,7 +223,7 @@ TEST_CASE("a sink that throws ends the extraction with what it threw, and a file
     CHECK(subject.folder.names().size() == before);
 }
 
-TEST_CASE("what a format cannot number is refused before there is a file") {
+TEST_CASE("a mesh too large for a format's indices is refused before a file is made") {
     const TemporaryFolder folder;
     const auto is_refused = [&](const char* name, std::uint64_t vertices, std::uint64_t triangles) {
         MeshLayout layout;
@@ -248,7 +249,7 @@ TEST_CASE("what a format cannot number is refused before there is a file") {
     CHECK(is_refused("m.ply", kUnsigned, 1));
 }
 
-TEST_CASE("a file that exists is replaced only if that was asked for, and never the store") {
+TEST_CASE("an existing file is replaced only on request, and never the store") {
     const Subject subject;
     const auto kind_of = [&](const char* name, bool replace) {
         try {

@@ -1,6 +1,6 @@
-"""Every normal has length 1, in every format that has normals: also where the data have no gradient, beside missing
-values, where meshes are cut, closed or mended, on slices and on graphs. Where the gradient is 0 it is the normal of the
-triangles around, which numpy computes anew.
+"""Every normal has length 1, in every format with normals: also where the data have no gradient, beside missing values,
+where meshes are clipped, closed or mended, on slices and on graphs. Where the gradient is 0, the normal is that of the
+surrounding triangles, which numpy recomputes.
 
 Usage: normals_test.py ISONEST PLUGIN_FOLDER
 """
@@ -75,7 +75,7 @@ READERS = {"ply": lambda path: of_vtk(vtkPLYReader(), path), "obj": of_obj, "vtk
 
 
 def of_triangles(points, triangles):
-    """At each vertex the sum over the triangles around it, weighted by their areas, of length 1."""
+    """At each vertex the sum over the surrounding triangles, weighted by area and scaled to length 1."""
     p = points.astype("f8")[triangles]
     each = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     total = np.zeros((len(points), 3))
@@ -101,13 +101,13 @@ class Normals(unittest.TestCase):
         self.assertEqual(done.returncode, 0, (arguments, done.stderr))
 
     def volume(self, name, values, *options):
-        """A file and a store of it."""
+        """A file and its store."""
         np.save(self.here / f"{name}.npy", values)
         self.run_program("preprocess", self.here / f"{name}.npy", "-o", self.here / f"{name}.isonest", *options)
         return self.here / f"{name}.npy", self.here / f"{name}.isonest"
 
     def meshes(self, *command):
-        """Points, triangles and normals: the same from all formats, and normals of length 1."""
+        """Points, triangles and normals: the same from all formats, with normals of length 1."""
         first = None
         for end, read in READERS.items():
             path = self.here / f"m{len(self.glbs)}.{end}"
@@ -124,7 +124,7 @@ class Normals(unittest.TestCase):
         return first
 
     def alternating(self, shape):
-        """Values that go up and down from node to node: all central differences are 0, but at the border."""
+        """Values that alternate from node to node: all central differences are 0, except at the border."""
         return ((-1) ** np.indices(shape).sum(0) * 50 + 100).astype("u1")
 
     def test_of_the_triangles_around_where_the_gradient_is_0(self):
@@ -136,7 +136,7 @@ class Normals(unittest.TestCase):
             for iso in (100.5, 117):
                 points, triangles, normals = self.meshes("extract", source, "--iso", iso, "--normals", *options)
                 around, size = of_triangles(points, triangles)
-                # Where they are not those of a gradient, which is 0 in the middle of the pattern.
+                # Normals that do not come from a gradient, which is 0 in the middle of the pattern.
                 low, high = np.array((3, -4, 5)) + np.array((5, 5, 5)) * (1, 2, 0.5), np.array(
                     (3, -4, 5)) + np.array((9, 10, 8)) * (1, 2, 0.5)
                 middle = ((points > low) & (points < high)).all(1) & (size > 1e-3)
@@ -182,7 +182,7 @@ class Normals(unittest.TestCase):
                     self.assertGreater(normals[:, 2].min(), 0)
 
     def test_z_is_for_the_validator_of_gltf(self):
-        """With npm's gltf-validator, if it is among the packages of the viewer's page."""
+        """With npm's gltf-validator, if it is installed among the packages of the viewer's page."""
         if not (PACKAGES / "gltf-validator").is_dir():
             self.skipTest("gltf-validator is not among the packages of the viewer's page")
         self.assertGreater(len(self.glbs), 10)

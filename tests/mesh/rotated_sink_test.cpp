@@ -1,20 +1,20 @@
-// What a turned mesh says of itself is true once it is turned: its box, and how many of its
-// triangles float32 leaves no area. Against what the sink behind gets.
-#include "query/mesh/rotated_sink.h"
-
+// What a rotated mesh reports is true after the rotation: its bounding box, and the number of its
+// triangles without area in float32. Compared with what the next sink receives.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <thread>
 
-#include "query/mesh/zero_area.h"
+#include "query/extract/report.h"
+#include "query/mesh/mesh_sinks.h"
+#include "query/mesh/vertex_stars.h"
 
 using namespace isonest;
 using namespace isonest::detail;
 
 namespace {
 
-/// Counts, and asks for everything twice, as some formats do.
+/// Counts, and requests everything twice, as some formats do.
 class Counting : public MeshSink {
   public:
     void begin(const MeshLayout& layout) override { layout_ = layout; }
@@ -48,8 +48,9 @@ class Counting : public MeshSink {
 
 }  // namespace
 
-TEST_CASE("triangles that turning leaves no area are counted, each once") {
-    // A row of triangles that are small beside the unit in the last place of where they go.
+TEST_CASE("triangles without area after rotation are counted, each once") {
+    // A row of triangles that are small compared with the unit in the last place at their new
+    // position.
     std::vector<std::array<float, 3>> positions;
     std::vector<std::array<std::uint64_t, 3>> corners;
     std::vector<std::array<std::uint32_t, 3>> nearby;
@@ -81,12 +82,10 @@ TEST_CASE("triangles that turning leaves no area are counted, each once") {
     CHECK(inner.outside == 0);
     CHECK(sink.zero_area_triangles() > 0);
     CHECK(2 * sink.zero_area_triangles() == inner.flat);
-    ExtractReport report;
-    report_turning(sink, {1, 1, 1}, report);
-    CHECK(report.mending.zero_area == sink.zero_area_triangles());
+    CHECK(turned({}, sink, Double3{1, 1, 1}).mending.zero_area == sink.zero_area_triangles());
 }
 
-TEST_CASE("the box of what several threads add at once is that of all vertices") {
+TEST_CASE("the bounding box of vertices added by several threads is that of all vertices") {
     constexpr std::size_t kThreads = 4;
     constexpr std::size_t kBatches = 200;
     const auto box_of = [](bool at_once) {

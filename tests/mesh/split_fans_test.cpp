@@ -1,5 +1,6 @@
-// Each vertex of a surface has one fan of triangles, also where a face of the volume or of the box
-// cuts the sheet through it into several. Against the walk around each vertex of check_mesh().
+// Each vertex of a surface has one fan of triangles, even where a face of the volume or of the box
+// cuts the sheet through it into several fans. Compared with the walk around each vertex in
+// check_mesh().
 #include "query/apart/split_fans.h"
 
 #include <algorithm>
@@ -30,7 +31,7 @@ Split split(const std::vector<Point>& positions, const std::vector<ElementCorner
     MeshLayout layout;
     layout.vertices = positions.size();
     layout.elements = corners.size();
-    layout.row_bytes = sizeof(float);  // its x, to see that rows stay with their vertices
+    layout.row_bytes = sizeof(float);  // its x, to check that rows stay with their vertices
     layout.attributes = {{"value", 1, false, 0}};
     std::vector<float> rows;
     std::transform(positions.begin(), positions.end(), std::back_inserter(rows),
@@ -54,7 +55,7 @@ Split split(const std::vector<Point>& positions, const std::vector<ElementCorner
     return s;
 }
 
-/// A surface of whole numbers at one of them; what it was asked for follows from `seed`.
+/// A surface of an integer volume at one of its values; the query depends on `seed`.
 struct Asked {
     explicit Asked(std::uint64_t seed)
         : random([seed, i = std::int64_t{0}]() mutable {
@@ -95,7 +96,7 @@ Mesh extracted(const StoreReader& store, const Extraction& surface,
 
 }  // namespace
 
-TEST_CASE("fans that meet in a vertex in a face of the box get vertices of their own") {
+TEST_CASE("fans that meet at a vertex in a face of the box get separate vertices") {
     // In the plane z = 0, vertex 0 has two fans, of two triangles and of one.
     const Split s = split({{1, 1, 0}, {2, 1, 0}, {2, 2, 0}, {1, 2, 1}, {0, 1, 1}, {1, 0, 1}},
                           {{0, 1, 2}, {4, 5, 0}, {0, 2, 3}});
@@ -105,7 +106,7 @@ TEST_CASE("fans that meet in a vertex in a face of the box get vertices of their
     CHECK(s.corners == std::vector<ElementCorners>{{0, 1, 2}, {4, 5, 6}, {0, 2, 3}});
 }
 
-TEST_CASE("fans that meet inside of the box, and single fans in its faces, stay as they are") {
+TEST_CASE("fans that meet inside the box, and single fans in its faces, are not changed") {
     const std::vector<ElementCorners> corners{{0, 1, 2}, {4, 5, 0}, {0, 2, 3}};
     const Split inside =
         split({{1, 1, 1}, {2, 1, 0}, {2, 2, 0}, {1, 2, 1}, {0, 1, 1}, {1, 0, 1}}, corners);
@@ -118,9 +119,9 @@ TEST_CASE("fans that meet inside of the box, and single fans in its faces, stay 
     CHECK(faces.corners == single);
 }
 
-TEST_CASE("a sheet that leaves the volume at a vertex and comes back has a vertex on each side") {
+TEST_CASE("a sheet that leaves the volume at a vertex and re-enters has a vertex on each side") {
     // The middle of the coarsest cube's diagonal lies on two edges of the volume, whose sizes are
-    // not 2^k + 1, and the surface passes through it in three triangles.
+    // not 2^k + 1, and three triangles of the surface meet there.
     constexpr std::array<float, 12> kValues{0, 1, 2, 2, 0, 1, 1, 2, 2, 2, 1, 2};
     const Int3 nodes{2, 2, 3};
     FunctionVolume<float> volume(nodes, [&](const Int3& p) {
@@ -140,8 +141,8 @@ TEST_CASE("a sheet that leaves the volume at a vertex and comes back has a verte
 }
 
 TEST_CASE(
-    "coarse surfaces at isovalues that nodes have, cut by faces, have one fan at each vertex,"
-    " whatever the threads and the memory") {
+    "coarse surfaces through nodes, clipped by faces, have one fan at each vertex, for any threads "
+    "and memory") {
     std::size_t triangles = 0;
     for (std::uint64_t seed = 1; seed <= 250; ++seed) {
         Asked asked(seed);

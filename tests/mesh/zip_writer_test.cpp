@@ -1,5 +1,5 @@
-// An archive, read again by the letter of PKWARE's APPNOTE.TXT, from its last record back; with
-// sizes and places that need ZIP64 and without.
+// An archive, read back by PKWARE's APPNOTE.TXT, starting at its last record; with sizes and
+// positions that need ZIP64 and without.
 #include "query/formats/zip_writer.h"
 
 #include <zlib.h>
@@ -47,9 +47,9 @@ std::string inflated(std::string_view bytes, std::uint64_t size) {
     return out;
 }
 
-/// One entry, whose directory record is at `at`; moves to the next.
+/// Reads one entry, whose directory record is at `at`; moves `at` to the next.
 Read read_entry(const std::string& file, std::size_t& at) {
-    constexpr std::uint64_t kMost32 = 0xFFFFFFFF;
+    constexpr std::uint64_t kMax32 = 0xFFFFFFFF;
     const Record d{std::string_view(file).substr(at)};
     CHECK(d.bytes.substr(0, 4) == "PK\x01\x02");
     const std::uint64_t name_size = d.number(28, 2);
@@ -66,7 +66,7 @@ Read read_entry(const std::string& file, std::size_t& at) {
     std::uint64_t size = d.number(24, 4);
     std::uint64_t place = d.number(42, 4);
     if (out.zip64) {
-        CHECK((deflated == kMost32 && size == kMost32 && place == kMost32));
+        CHECK((deflated == kMax32 && size == kMax32 && place == kMax32));
         const Record extra{d.bytes.substr(46 + name_size, extra_size)};
         CHECK((extra_size == 28 && extra.number(0, 2) == 1 && extra.number(2, 2) == 24));
         size = extra.number(4, 8);
@@ -79,8 +79,8 @@ Read read_entry(const std::string& file, std::size_t& at) {
     CHECK(h.bytes.substr(0, 4) == "PK\x03\x04");
     CHECK(h.number(4, 2) == version);
     CHECK(h.bytes.substr(6, 12) == d.bytes.substr(8, 12));  // flags, method, time, CRC
-    CHECK(h.number(18, 4) == (out.zip64 ? kMost32 : deflated));
-    CHECK(h.number(22, 4) == (out.zip64 ? kMost32 : size));
+    CHECK(h.number(18, 4) == (out.zip64 ? kMax32 : deflated));
+    CHECK(h.number(22, 4) == (out.zip64 ? kMax32 : size));
     CHECK(h.bytes.substr(30, name_size) == out.name);
     CHECK(h.number(28, 2) == 20);
     const Record extra{h.bytes.substr(30 + name_size, 20)};
@@ -144,7 +144,9 @@ std::string written(const TemporaryFolder& folder, std::uint64_t most,
 
 }  // namespace
 
-TEST_CASE("an archive gives back its entries, with ZIP64 fields where sizes and places need them") {
+TEST_CASE(
+    "the entries of an archive are read back unchanged, with ZIP64 fields where sizes and "
+    "positions need them") {
     const TemporaryFolder folder;
     std::string noise;
     for (unsigned i = 0; i < 100000; ++i) {
@@ -155,11 +157,11 @@ TEST_CASE("an archive gives back its entries, with ZIP64 fields where sizes and 
         {"of/pieces", {noise, "", "x", noise + noise, std::string(300000, 'y')}},
         {"empty", {}},
         {"at the end", {"z"}}};
-    const std::uint64_t second = 30 + 5 + 20;  // less than where the second entry is
+    const std::uint64_t second = 30 + 5 + 20;  // less than the position of the second entry
     for (const std::uint64_t most :
-         {ZipWriter::kMost32, std::uint64_t{500000}, second, std::uint64_t{0}}) {
+         {ZipWriter::kMax32, std::uint64_t{500000}, second, std::uint64_t{0}}) {
         const std::string file = written(folder, most, entries);
-        const std::vector<Read> read = read_archive(file, most != ZipWriter::kMost32);
+        const std::vector<Read> read = read_archive(file, most != ZipWriter::kMax32);
         REQUIRE(read.size() == entries.size());
         for (std::size_t i = 0; i < read.size(); ++i) {
             std::string text;
@@ -170,16 +172,17 @@ TEST_CASE("an archive gives back its entries, with ZIP64 fields where sizes and 
             CHECK(read[i].text == text);
         }
         CHECK(read[0].zip64 == (most == 0));
-        CHECK(read[1].zip64 == (most != ZipWriter::kMost32));
+        CHECK(read[1].zip64 == (most != ZipWriter::kMax32));
         CHECK(read[3].zip64 == (most <= second));
         CHECK(file == written(folder, most, entries));
     }
 }
 
 TEST_CASE(
-    "an archive whose directory alone lies beyond the limit has ZIP64's end, and plain entries") {
+    "an archive with only its directory beyond the limit has a ZIP64 end record and plain "
+    "entries") {
     const TemporaryFolder folder;
-    const std::uint64_t entry_end = 30 + 1 + 20 + 11 + 7 + 2;  // about
+    const std::uint64_t entry_end = 30 + 1 + 20 + 11 + 7 + 2;  // approximately
     const std::string file = written(folder, entry_end - 20, {{"a", {"0123456789a"}}});
     const std::vector<Read> read = read_archive(file, true);
     REQUIRE(read.size() == 1);

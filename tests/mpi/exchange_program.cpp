@@ -1,10 +1,10 @@
-// Ranks of MPI that exchange messages of all sizes, many at a time, and then end well or badly:
+// MPI ranks that exchange messages of all sizes, many at a time, and then end well or fail:
 //
 //     mpirun -n N isonest_mpi_exchange ok|throw RANK|throw-all|wait RANK
 //
-// ok: every message came, once and whole, and collectives agree. throw: that rank fails while all
-// others wait for it. throw-all: all fail. wait: that rank works without messages, the others fail.
-// Prints at rank 0 what counts; exits with its code.
+// ok: every message arrives once and complete, and collectives agree. throw: that rank fails while
+// all others wait for it. throw-all: all fail. wait: that rank works without messages, the others
+// fail. Rank 0 prints the results; exits with the code of the outcome.
 #include <fmt/format.h>
 #include <unistd.h>
 
@@ -26,7 +26,7 @@ using isonest::detail::MpiCommunicator;
 
 constexpr int kRounds = 20;
 
-/// How many bytes the `i`th message of a round from one rank to another has.
+/// Number of bytes of the `i`th message in a round from one rank to another.
 std::size_t size_of(int round, int from, int to, int i) {
     std::mt19937 random(static_cast<unsigned>(((round * 64 + from) * 64 + to) * 64 + i));
     const std::uint64_t shift = random() % 21;
@@ -88,7 +88,7 @@ void work(Communicator& ranks, const std::string& how, int which) {
                 (how == "wait" && ranks.rank() != which)) {
                 throw Error(ErrorKind::io, fmt::format("failed at {}", ranks.rank()));
             }
-            while (how == "wait") {  // work that asks now and then whether it is still wanted
+            while (how == "wait") {  // work that checks now and then whether to stop
                 ::usleep(1000);
                 ranks.check();
             }

@@ -1,4 +1,4 @@
-"""Messages between ranks of MPI arrive whole, and if one rank fails, all end and one is named.
+"""Messages between MPI ranks arrive complete; if one rank fails, all end and the message names one of them.
 
 usage: exchange_test.py ISONEST PLUGIN_FOLDER
 """

@@ -1,4 +1,4 @@
-"""isonest-mpi extract and check: the bytes, the findings and the exit codes of isonest, for several numbers of ranks.
+"""isonest-mpi extract and check: the same bytes, findings and exit codes as isonest, for several numbers of ranks.
 
 usage: extract_ranks_test.py ISONEST PLUGIN_FOLDER
 """
@@ -78,7 +78,7 @@ class ExtractRanks(unittest.TestCase):
 
     def test_what_rank_0_does_alone_it_says(self):
         mesh, plain = self.folder / "m.ply", self.folder / "plain.ply"
-        arguments = ["--iso", "0.5", "--distance", "1", "--no-simplify"]
+        arguments = ["--iso", "0.5", "--distance", "1", "--effort", "none"]
         self.extracted(0, plain, *arguments)
         done = self.launched(2, "extract", self.store, *arguments, "-o", mesh)
         self.assertEqual(done.returncode, 0, done.stderr)
@@ -99,17 +99,17 @@ class ExtractRanks(unittest.TestCase):
         for pair in ((self.store, other), (self.store, self.folder / "v.h5"), (self.folder / "v.h5", self.store)):
             done = ranks.launched_apart(*([program, "extract", path, "--iso", "0.5", "-o", mesh] for path in pair))
             self.assertEqual(done.returncode, 2, done.stderr)
-            self.assertIn(b"not the same to ranks 1 (", done.stderr)
+            self.assertIn(b"not on ranks 1 (", done.stderr)
             self.assertFalse(mesh.exists())
         for pair in ((self.store, other), (other, self.store)):
             done = ranks.launched_apart(*([program, "extract", self.store, "--iso", "0.5", "--vertex-values", path,
                                            "-o", mesh] for path in pair))
             self.assertEqual(done.returncode, 2, done.stderr)
-            self.assertIn(f"{pair[0]}: is a store, but not the same to ranks 1 (".encode(), done.stderr)
+            self.assertIn(f"{pair[0]}: is a store, but not on ranks 1 (".encode(), done.stderr)
             self.assertFalse(mesh.exists())
         done = ranks.launched_apart(*([program, "check", path] for path in (self.store, other)))
         self.assertEqual(done.returncode, 2, done.stderr)
-        self.assertIn(b"not the same to ranks 1 (", done.stderr)
+        self.assertIn(b"not on ranks 1 (", done.stderr)
 
     def test_folders_that_are_not_one_to_all_ranks_are_refused(self):
         program = ranks.beside(ISONEST, "isonest-mpi")
@@ -120,7 +120,7 @@ class ExtractRanks(unittest.TestCase):
             done = ranks.launched_apart(*([program, "extract", self.store, *choice, "-o", folder / end]
                                           for folder in folders))
             self.assertEqual(done.returncode, 2, done.stderr)
-            self.assertIn(b"its folder is not the same for all ranks", done.stderr)
+            self.assertIn(b"its folder is not shared", done.stderr)
             for folder in folders:
                 self.assertEqual([path.name for path in folder.rglob("*")], ["0.5"])
 

@@ -1,8 +1,8 @@
-"""If a rank is killed at a random moment, isonest-mpi ends and nothing has the output's name that is not whole; a run
-with --resume, of as many ranks or of others, makes the same bytes. A run that is told to stop says so if and only if
-there is no store.
+"""If a rank is killed at a random moment, isonest-mpi ends and no incomplete file has the name of the output; a run
+with --resume, of the same or another number of ranks, writes the same bytes. A run that is interrupted says so if and
+only if there is no store.
 
-usage: killed_ranks_test.py ISONEST PLUGIN_FOLDER     (ISONEST_KILLS=50 in the environment: that many kills)
+usage: killed_ranks_test.py ISONEST PLUGIN_FOLDER     (ISONEST_KILLS=50 in the environment: number of kills)
 """
 import os
 import pathlib
@@ -25,7 +25,7 @@ class KilledRanks(unittest.TestCase):
         folder = tempfile.TemporaryDirectory(prefix="isonest-ranks-")
         self.addCleanup(folder.cleanup)
         self.folder = pathlib.Path(folder.name)
-        # A copy, so that nobody else runs it.
+        # A copy, so that no other process runs it.
         self.program = self.folder / "program" / "isonest-mpi"
         self.program.parent.mkdir()
         self.program.write_bytes(ranks.beside(sys.argv[1], "isonest-mpi").read_bytes())
@@ -60,7 +60,7 @@ class KilledRanks(unittest.TestCase):
                 try:
                     os.kill(generator.choice(alive), signal.SIGKILL)
                 except ProcessLookupError:
-                    pass  # it was done
+                    pass  # it had ended
             code = ranks.ended(process, self.program)
             killed += code != 0
             with self.subTest(kill=i, code=code):
@@ -94,7 +94,7 @@ class KilledRanks(unittest.TestCase):
                     os.kill(rank, signal.SIGTERM)
                     reached += 1
                 except ProcessLookupError:
-                    pass  # it was done
+                    pass  # it had ended
             with self.subTest(signal=i):
                 self.assertEqual(process.wait(timeout=120), 0)
                 self.assertTrue(store.exists())
@@ -118,7 +118,7 @@ class KilledRanks(unittest.TestCase):
                     os.kill(rank, signal.SIGTERM)
                     reached += 1
                 except ProcessLookupError:
-                    pass  # it was done
+                    pass  # it had ended
             with self.subTest(signal=i):
                 self.assertEqual(process.wait(timeout=120), 0)
                 self.assertEqual(list((self.folder / "out").iterdir()), [mesh])
@@ -135,7 +135,7 @@ class KilledRanks(unittest.TestCase):
             for old in (self.folder / "out").iterdir():
                 old.unlink()
             process = ranks.started(3, self.program, *self.preprocess())
-            # Not before all ranks are there: mpirun itself may hang if they end while they start.
+            # Not before all ranks have started: mpirun itself may hang if ranks end while others start.
             while not list((self.folder / "out").iterdir()) and process.poll() is None:
                 pass
             time.sleep(generator.uniform(0, 0.3))
@@ -143,7 +143,7 @@ class KilledRanks(unittest.TestCase):
                 try:
                     os.kill(rank, signal.SIGTERM)
                 except ProcessLookupError:
-                    pass  # it was done
+                    pass  # it had ended
             code = process.wait(timeout=120)
             codes.add(code)
             with self.subTest(signal=i, code=code):

@@ -1,4 +1,4 @@
-"""isonest-mpi preprocess: the bytes of isonest, what each rank says of itself, and what is refused.
+"""isonest-mpi preprocess: the same bytes as isonest, the report of each rank, and what is refused.
 
 usage: preprocess_ranks_test.py ISONEST PLUGIN_FOLDER
 """

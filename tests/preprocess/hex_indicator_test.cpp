@@ -1,8 +1,9 @@
-// The indicators of hexahedral and quadrilateral cells against loops over all nodes of a cell.
+// The indicators of hexahedral and quadrilateral cells compared with loops over all nodes of a
+// cell.
 #include <catch2/catch.hpp>
 
 #include "query/check/check.h"
-#include "store/container/gather.h"
+#include "store/container/chunk_cache.h"
 #include "store/container/reader.h"
 #include "tests/support/cell_oracle.h"
 #include "tests/support/test_support.h"
@@ -13,7 +14,7 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// `above`: how far a stored number may be above the exact one, relatively.
+/// `above`: how far a stored number may exceed the exact one, relatively.
 template <class T>
 void require_agreement(FunctionVolume<T>& volume, int chunk, bool exact, double above) {
     const TemporaryFolder folder;
@@ -66,7 +67,7 @@ float rough(const Int3& p) {
 
 }  // namespace
 
-TEST_CASE("indicators of cells are those of loops over their nodes") {
+TEST_CASE("indicators of cells agree with loops over their nodes") {
     for (const Int3& n : {Int3{17, 17, 17}, Int3{20, 31, 18}, Int3{2, 2, 2}, Int3{3, 40, 5},
                           Int3{41, 6, 13}, Int3{37, 70, 1}, Int3{1, 23, 30}, Int3{29, 1, 33}}) {
         for (const int chunk : {8, 16}) {
@@ -82,7 +83,7 @@ TEST_CASE("indicators of cells are those of loops over their nodes") {
     }
 }
 
-TEST_CASE("indicators of cells with missing nodes are infinite, and above them") {
+TEST_CASE("indicators of cells with missing nodes, and of the cells above them, are infinite") {
     FunctionVolume<float> holes({21, 20, 19}, [](const Int3& p) {
         return noise(p, 3) < 0.002 ? std::numeric_limits<float>::quiet_NaN() : rough(p);
     });

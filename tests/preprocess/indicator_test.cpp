@@ -1,12 +1,12 @@
-// The indicators in a store against an explicit recursive bisection.
+// The indicators in a store compared with an explicit recursive bisection.
 #include <catch2/catch.hpp>
 #include <cstdio>
 #include <cstdlib>
 
 #include "query/check/check.h"
 #include "query/extract/export.h"
-#include "query/view/node_sampler.h"
-#include "store/lattice/bisection.h"
+#include "query/values/node_sampler.h"
+#include "store/lattice/simplex.h"
 #include "tests/support/bisection_oracle.h"
 #include "tests/support/test_support.h"
 
@@ -32,11 +32,11 @@ struct Comparison {
     std::size_t compared = 0;
     std::map<Field, std::size_t> wrong;
     std::size_t extra_nodes = 0;
-    double ratio_sum = 0;  ///< deviation_bar over the exact one
+    double ratio_sum = 0;  ///< deviation_bar divided by the exact one
     std::size_t ratios = 0;
 };
 
-/// `above`: how far a stored value may be above the exact one, relatively.
+/// `above`: how far a stored value may exceed the exact one, relatively.
 template <class T>
 Comparison compare(FunctionVolume<T>& volume, int chunk, bool exact, double above,
                    const std::vector<Field>& fields = default_indicators()) {
@@ -55,7 +55,7 @@ Comparison compare(FunctionVolume<T>& volume, int chunk, bool exact, double abov
     Comparison c;
     for (const Field field : fields) {
         const auto stored = exported(store, field, folder / "field.raw");
-        // The largest number that has to be rounded: a value, times the node's factor.
+        // The largest number that is rounded: a value times the factor of the node.
         double most = indicator_of(field) >= Indicator::normal ? 1 : size;
         for (const auto& [key, node] : oracle.nodes()) {
             const double v = node.of(field);
@@ -67,7 +67,7 @@ Comparison compare(FunctionVolume<T>& volume, int chunk, bool exact, double abov
             if (std::isinf(exact_value)) {
                 return std::isinf(value);
             }
-            // What is handed from level to level is rounded up to binary32, 2^-24 each time.
+            // What is passed from level to level is rounded up to binary32, 2^-24 each time.
             const double carried = exact_value * (1 + 1e-6);
             return value >= exact_value - rounding * (loose ? 1 : 1e-6) &&
                    (loose || value <= carried * (1 + above) + rounding * (exact ? 1 : 1e-6));
@@ -132,20 +132,20 @@ float smooth_f(const Int3& p) {
 
 }  // namespace
 
-TEST_CASE("indicators equal an explicit recursive bisection on 33^3") {
+TEST_CASE("indicators agree with an explicit recursive bisection on 33^3") {
     require_agreement<float>({33, 33, 33}, 8, noise_f);
     require_agreement<float>({33, 33, 33}, 16, smooth_f);
     require_agreement<float>({33, 33, 33}, 64, noise_f);
 }
 
-TEST_CASE("indicators equal an explicit recursive bisection on odd sizes") {
+TEST_CASE("indicators agree with an explicit recursive bisection on odd sizes") {
     for (const Int3& n :
          {Int3{2, 2, 2}, Int3{3, 2, 5}, Int3{9, 17, 6}, Int3{20, 5, 11}, Int3{2, 2, 40}}) {
         require_agreement<float>(n, 8, noise_f);
     }
 }
 
-TEST_CASE("indicators equal an explicit recursive bisection on every value type") {
+TEST_CASE("indicators agree with an explicit recursive bisection for every value type") {
     const Int3 n{13, 10, 18};
     require_agreement<std::uint8_t>(
         n, 8, [](const Int3& p) { return static_cast<std::uint8_t>(256 * noise(p)); });
@@ -158,7 +158,7 @@ TEST_CASE("indicators equal an explicit recursive bisection on every value type"
     require_agreement<double>(n, 8, [](const Int3& p) { return 1e30 * smooth(p); });
 }
 
-TEST_CASE("every indicator equals the recursion, with spacing and on borders") {
+TEST_CASE("every indicator agrees with the recursion, with spacing and on borders") {
     for (const Int3& n : {Int3{17, 17, 17}, Int3{12, 9, 19}, Int3{2, 3, 5}}) {
         require_agreement<float>(n, 8, noise_f, node_indicators(), {1, 1, 1});
         require_agreement<float>(n, 8, smooth_f, node_indicators(), {0.5, 1.25, 3});
@@ -168,7 +168,7 @@ TEST_CASE("every indicator equals the recursion, with spacing and on borders") {
         node_indicators(), {1, 1, 2});
 }
 
-TEST_CASE("every indicator equals the recursion on triangles and edges where axes are flat") {
+TEST_CASE("every indicator agrees with the recursion on triangles and edges if axes are flat") {
     for (const Int3& n : {Int3{33, 33, 1}, Int3{20, 11, 1}, Int3{1, 18, 13}, Int3{12, 1, 25},
                           Int3{40, 1, 1}, Int3{1, 37, 1}, Int3{1, 1, 21}, Int3{2, 3, 1}}) {
         require_agreement<float>(n, 8, noise_f, node_indicators());
@@ -176,7 +176,7 @@ TEST_CASE("every indicator equals the recursion on triangles and edges where axe
     }
 }
 
-TEST_CASE("missing data make every diamond that touches them refine to the end") {
+TEST_CASE("every diamond that contains missing data is refined to the finest level") {
     const float nan = std::numeric_limits<float>::quiet_NaN();
     const float inf = std::numeric_limits<float>::infinity();
     require_agreement<float>({17, 17, 17}, 8, [&](const Int3& p) {
@@ -196,10 +196,12 @@ TEST_CASE("missing data make every diamond that touches them refine to the end")
         node_indicators());
 }
 
-TEST_CASE("normal_component is the part of the jump that is normal to the children's face") {
-    // Two triangles, cut from the centre to (2, 0) and (0, 2). The gradients in the children of the
-    // first are (1, 0) and (2, 1), in those of the second their mirror images; the normal of both
-    // faces is (1, 1) / sqrt 2. The four edges' midpoints change nothing.
+TEST_CASE(
+    "normal_component is the component of the gradient's jump normal to the children's common "
+    "face") {
+    // Two triangles, bisected from the centre to (2, 0) and (0, 2). The gradients in the children
+    // of the first are (1, 0) and (2, 1), those in the second are mirrored; the normal of both
+    // faces is (1, 1) / sqrt 2. The four edges' midpoints do not matter.
     const std::array<float, 9> values{0, 1, 2, 1, 1, 3, 2, 3, 4};
     FunctionVolume<float> volume({3, 3, 1}, [&](const Int3& p) {
         return values.at(static_cast<std::size_t>(p.x + 3 * p.y));
@@ -218,9 +220,9 @@ TEST_CASE("normal_component is the part of the jump that is normal to the childr
         Approx(component));
 }
 
-TEST_CASE("half of eta plus does not bound the deviation, eta plus does") {
-    // Section 5 of the paper prints beta_0 = eta_plus / 2. With U = 0 but for one node in the
-    // middle of a refinement edge, U reaches delta there, and the printed bound says delta / 2.
+TEST_CASE("half of eta plus does not bound the deviation, but eta plus does") {
+    // Section 5 of the paper prints beta_0 = eta_plus / 2. With U = 0 except at one node in the
+    // middle of a refinement edge, U reaches delta there, and the printed bound is delta / 2.
     FunctionVolume<float> volume({3, 3, 3}, [](const Int3& p) {
         return p == Int3{1, 1, 1} ? 1.0F : 0.0F;
     });
@@ -234,12 +236,12 @@ TEST_CASE("half of eta plus does not bound the deviation, eta plus does") {
     CHECK(reached <= 0 + static_cast<double>(at_centre));
 }
 
-TEST_CASE("eta bar is no guarantee, the deviation is") {
-    // Takagi's function along x: every level of the lattice adds at most 1, which eta bar sees, and
-    // the sum reaches 10/3 over the five levels, which it does not. Along z a slope that no
-    // indicator sees.
+TEST_CASE("eta bar does not bound the deviation, deviation bar does") {
+    // Takagi's function along x: every level of the lattice adds at most 1, which eta bar detects,
+    // and the sum reaches 10/3 over the five levels, which it does not detect. Along z there is a
+    // slope that no indicator detects.
     const double error = 1.25;
-    const auto worst = [&](Guarantee guarantee) {
+    const auto worst = [&](ErrorIndicator indicator) {
         FunctionVolume<float> volume({33, 33, 33}, [](const Int3& p) {
             double sum = 0.25 * static_cast<double>(p.z);
             for (std::int64_t period = 2; period <= 32; period *= 2) {
@@ -257,7 +259,7 @@ TEST_CASE("eta bar is no guarantee, the deviation is") {
             Extraction options;
             options.iso = iso;
             options.error = error;
-            options.guarantee = guarantee;
+            options.indicator = indicator;
             extract(store, folder / "m.ply", options, silent_progress());
             const Mesh mesh = read_mesh(folder / "m.ply");
             for (const auto& t : mesh.triangles) {
@@ -277,12 +279,12 @@ TEST_CASE("eta bar is no guarantee, the deviation is") {
         }
         return most;
     };
-    CHECK(worst(Guarantee::estimate) > error);
-    CHECK(worst(Guarantee::deviation) <= error + 1e-5);
-    CHECK(worst(Guarantee::plus) <= error + 1e-5);
+    CHECK(worst(ErrorIndicator::estimate) > error);
+    CHECK(worst(ErrorIndicator::deviation) <= error + 1e-5);
+    CHECK(worst(ErrorIndicator::plus) <= error + 1e-5);
 }
 
-TEST_CASE("check finds saturation, injection and bounds in order on every chunk size") {
+TEST_CASE("check verifies saturation, injection and bounds for every chunk size") {
     FunctionVolume<float> volume({40, 33, 27}, smooth_f);
     for (const int chunk : {8, 16, 32, 64}) {
         const TemporaryFolder folder;
@@ -299,8 +301,9 @@ TEST_CASE("check finds saturation, injection and bounds in order on every chunk 
 // Hidden: with ISONEST_CROPS naming a folder of NxNxN crops of real volumes (NAME-N.f32, raw
 // float32), `isonest_tests "[crops]"` compares all indicators with the recursion and prints the
 // deviation's ratio.
-TEST_CASE("indicators equal the recursion, and the deviation is tight, on crops of real volumes",
-          "[.][crops]") {
+TEST_CASE(
+    "indicators agree with the recursion, and the deviation is tight, on crops of real volumes",
+    "[.][crops]") {
     const char* const folder = std::getenv("ISONEST_CROPS");
     REQUIRE(folder != nullptr);
     int seen = 0;
@@ -328,7 +331,7 @@ TEST_CASE("indicators equal the recursion, and the deviation is tight, on crops 
                 CHECK((!exact || ratio <= 1.05));
                 ++seen;
                 if (n > 40 && exact) {
-                    break;  // the recursion is slow; one run shows the ratio
+                    break;  // the recursion is slow; one run is enough for the ratio
                 }
             }
             if (n > 40) {
@@ -341,7 +344,8 @@ TEST_CASE("indicators equal the recursion, and the deviation is tight, on crops 
 
 namespace {
 
-/// max |U - U_T| over the nodes of the six tetrahedra of a cube, in more bits than the values have.
+/// max |U - U_T| over the nodes of the six tetrahedra of a cube, in higher precision than the
+/// values.
 template <class T>
 long double exact_difference(const FunctionVolume<T>& volume, const Int3& cube, std::int64_t edge) {
     long double most = 0;
@@ -360,7 +364,7 @@ long double exact_difference(const FunctionVolume<T>& volume, const Int3& cube, 
             if (d[0] < d[1] || d[1] < d[2] || max(p, last) != last) {
                 continue;
             }
-            // Differences first: they need few bits.
+            // Differences are computed first: they need few bits.
             const long double u0 = value(min(t.v[0], last));
             const long double linear = (value(min(t.v[1], last)) - u0) * (d[0] - d[1]) +
                                        (value(min(t.v[2], last)) - u0) * (d[1] - d[2]) +
@@ -373,7 +377,7 @@ long double exact_difference(const FunctionVolume<T>& volume, const Int3& cube, 
 
 }  // namespace
 
-TEST_CASE("no stored bound is below the exact one where the means of values are rounded") {
+TEST_CASE("no stored bound is below the exact one when the means of values are rounded") {
     for (const double step : {2.0, 6.0, 1e16}) {
         for (const bool exact : {true, false}) {
             FunctionVolume<double> volume({19, 17, 18}, [&](const Int3& p) {

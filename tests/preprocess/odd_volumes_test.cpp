@@ -1,4 +1,4 @@
-// Volumes and questions at the limits of what numbers hold.
+// Volumes and queries at the limits of the number types.
 //
 // ISONEST_BIG=1 in the environment, and "[big]": more than 2^32 nodes (some minutes).
 #include <catch2/catch.hpp>
@@ -15,7 +15,7 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// Makes a store, checks it to its depth against its source, and extracts at some isovalues.
+/// Makes a store, checks it with --deep against its source, and extracts at some isovalues.
 template <class T>
 std::vector<Mesh> all_of(FunctionVolume<T>& volume, const std::vector<double>& isovalues,
                          double error_relative = 0) {
@@ -45,7 +45,7 @@ std::vector<Mesh> all_of(FunctionVolume<T>& volume, const std::vector<double>& i
     return meshes;
 }
 
-/// A checkerboard of the two largest opposites of a type, with its middle on one side.
+/// A checkerboard of the lowest and the largest number of a type, with their mean on one side.
 template <class T>
 void opposites() {
     constexpr T kLow = std::numeric_limits<T>::lowest();
@@ -68,7 +68,7 @@ void opposites() {
     }
 }
 
-/// Zero but for a few nodes, made up as it is read.
+/// Zero except at a few nodes, computed while it is read.
 class Sparse : public VolumeSource {
   public:
     explicit Sparse(const Int3& n) : n_(n) {}
@@ -85,7 +85,7 @@ class Sparse : public VolumeSource {
         std::memset(dst, 0, static_cast<std::size_t>(nz * ny * n_.x));
         for (std::int64_t z = z0; z < z0 + nz; ++z) {
             for (const std::int64_t i : {std::int64_t{0}, std::int64_t{2}}) {
-                // The same corner of the plane, and one far behind 2^32 nodes.
+                // The same corner of the plane, and one far beyond 2^32 nodes.
                 const std::int64_t y = i == 0 ? 3 : n_.y - 4;
                 const std::int64_t x = i == 0 ? 5 : n_.x - 6;
                 if (y >= y0 && y < y0 + ny && (z == 1 || z == n_.z - 2)) {
@@ -101,13 +101,13 @@ class Sparse : public VolumeSource {
 
 }  // namespace
 
-TEST_CASE("the opposite ends of every type make a whole store and a whole surface") {
+TEST_CASE("the extremes of every type give a valid store and a surface without cracks") {
 #define ISONEST_OPPOSITES(tag, T) opposites<T>();
     ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_OPPOSITES)
 #undef ISONEST_OPPOSITES
 }
 
-TEST_CASE("denormals have a surface as other numbers have") {
+TEST_CASE("denormals have a surface like other numbers") {
     FunctionVolume<float> small({12, 11, 13}, [](const Int3& p) {
         return static_cast<float>((p.x + 2 * p.y - p.z + (p.x * p.y) % 3) * 1e-42);
     });
@@ -119,7 +119,8 @@ TEST_CASE("denormals have a surface as other numbers have") {
     CHECK(!all_of(smaller, {5.1e-321})[0].triangles.empty());
 }
 
-TEST_CASE("an isovalue outside of the range, and any isovalue of nothing, give an empty mesh") {
+TEST_CASE(
+    "an isovalue outside the range, and any isovalue of an empty volume, give an empty mesh") {
     FunctionVolume<float> ramp({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
     for (const Mesh& mesh : all_of(ramp, {-0.5, 8.5, 1e300, -1e300})) {
         CHECK(mesh.triangles.empty());
@@ -137,7 +138,7 @@ TEST_CASE("an isovalue outside of the range, and any isovalue of nothing, give a
     CHECK(all_of(both, {0})[0].triangles.empty());
 }
 
-TEST_CASE("errors and isovalues that are no numbers are refused") {
+TEST_CASE("errors and isovalues that are not finite are refused") {
     const TemporaryFolder folder;
     FunctionVolume<float> ramp({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
     make_store(ramp, folder / "s", with_chunk(8));
@@ -170,7 +171,7 @@ TEST_CASE("errors and isovalues that are no numbers are refused") {
     CHECK(folder.names().size() == 1);
 }
 
-TEST_CASE("a line of a million nodes, primes and pairs make whole stores") {
+TEST_CASE("a line of a million nodes, prime sizes and pairs give valid stores") {
     for (const Int3& n :
          {Int3{1000000, 1, 1}, Int3{1, 1000000, 1}, Int3{1, 1, 1000000}, Int3{1, 1, 1},
           Int3{2, 2, 2}, Int3{1, 2, 2}, Int3{13, 29, 7}, Int3{101, 3, 2}, Int3{2, 1, 103}}) {

@@ -1,4 +1,4 @@
-// Several ranks write the store that one process writes.
+// Several ranks write the same store as one process.
 #include "preprocess/ranks/preprocess_on_ranks.h"
 
 #include <atomic>
@@ -14,7 +14,6 @@
 #include <isonest/field.h>
 #include <isonest/memory_volume.h>
 
-#include "preprocess/ranks/own_chunks.h"
 #include "preprocess/ranks/pencils.h"
 #include "tests/support/rank_runs.h"
 #include "tests/support/test_support.h"
@@ -27,7 +26,8 @@ using isonest::test::ThreadRanks;
 
 namespace {
 
-/// Whether several numbers of ranks all write what preprocess() writes, and leave nothing else.
+/// Checks that several numbers of ranks all write the same bytes as preprocess(), and leave no
+/// other file.
 template <class T>
 void require_same_bytes(const Int3& nodes, const std::function<T(const Int3&)>& f,
                         PreprocessOptions options,
@@ -69,7 +69,7 @@ TEST_CASE("any number of ranks writes the bytes of one process, for all shapes")
     }
 }
 
-TEST_CASE("pencils of all passes have one owner each, and boxes hold a rank's own alone") {
+TEST_CASE("each pencil of a pass has one owner, and boxes contain only a rank's own pencils") {
     for (const Int3& nodes :
          {Int3{1, 1, 1}, Int3{5, 200, 90}, Int3{5, 16, 500}, Int3{9, 131, 131}}) {
         StoreHeader header;
@@ -103,7 +103,7 @@ TEST_CASE("pencils of all passes have one owner each, and boxes hold a rank's ow
     }
 }
 
-TEST_CASE("parts of all passes have one owner each, who has the pencil below") {
+TEST_CASE("each part of a pass has one owner, who also has the pencil below it") {
     for (const Int3& nodes :
          {Int3{1, 1, 1}, Int3{5, 200, 90}, Int3{5, 1, 255}, Int3{9, 130, 258}}) {
         for (const int chunk : {8, 16, 64}) {
@@ -128,7 +128,7 @@ TEST_CASE("parts of all passes have one owner each, who has the pencil below") {
                         }
                     }
                     CHECK(found == cut.grid.y * cut.grid.z);
-                    // Rows of values and of indicators are all in some part.
+                    // Rows of values and of indicators each belong to some part.
                     const Int3 made = layout.array(pass - 1, Field::values).nodes;
                     CHECK(2 * cut.cells * cut.grid.y >= made.y);
                     CHECK(2 * cut.cells * cut.grid.z >= made.z);
@@ -186,7 +186,7 @@ TEST_CASE("any number of ranks writes the bytes of one process, with missing val
         };
     };
     require_same_bytes<float>({33, 50, 68}, with_holes(0.01), with_chunk(8));
-    // No coarse cube is without missing values.
+    // Every coarse cube has missing values.
     require_same_bytes<float>({33, 50, 68}, with_holes(0.3), with_chunk(8, true), {2, 7});
 }
 
@@ -241,7 +241,7 @@ TEST_CASE("labels keep their names on ranks") {
     CHECK(all.front().whole.label_names == 2);
 }
 
-TEST_CASE("ranks with little memory copy their part of the input first, and write the same bytes") {
+TEST_CASE("ranks with little memory first copy their part of the input, and write the same bytes") {
     const Int3 nodes{3000, 60, 40};
     const auto flat = [](const Int3& p) { return static_cast<std::uint8_t>((p.x ^ p.y) + p.z); };
     FunctionVolume<std::uint8_t> volume(nodes, flat);
@@ -250,7 +250,7 @@ TEST_CASE("ranks with little memory copy their part of the input first, and writ
     options.fields = {Field::deviation_bar};
     preprocess(volume, folder / "alone", options);
     options.threads = 1;
-    // As little as is allowed, as the refusal says.
+    // The minimum memory, as the error message gives it.
     options.memory = 1;
     const Error refused = error_of([&] { preprocess(volume, folder / "s", options); });
     REQUIRE(refused.remedies().front().kind == RemedyKind::more_memory);
@@ -265,7 +265,7 @@ TEST_CASE("ranks with little memory copy their part of the input first, and writ
     }
 }
 
-TEST_CASE("ranks together read little more than the input, and say how much") {
+TEST_CASE("ranks together read little more than the input, and report how much") {
     const Int3 nodes{3, 512, 512};
     const auto volume_bytes = static_cast<double>(nodes.product()) * sizeof(float);
     for (const int ranks : {1, 2, 4, 16}) {
@@ -284,8 +284,8 @@ TEST_CASE("ranks together read little more than the input, and say how much") {
     }
 }
 
-TEST_CASE("ranks tell each other little more than margins") {
-    // As 513^3 in chunks of 64, with twice as wide margins.
+TEST_CASE("ranks send each other little more than margins") {
+    // Like 513^3 in chunks of 64, with margins twice as wide.
     const Int3 nodes{129, 257, 257};
     const auto volume_bytes = static_cast<double>(nodes.product()) * sizeof(float);
     const TemporaryFolder folder;
@@ -304,7 +304,7 @@ TEST_CASE("ranks tell each other little more than margins") {
     }
 }
 
-TEST_CASE("if one rank's input fails, all end and nothing is left") {
+TEST_CASE("if one rank's input fails, all ranks end and no file is left") {
     const Int3 nodes{40, 60, 70};
     for (const int failing : {0, 2}) {
         const TemporaryFolder folder;
@@ -325,7 +325,7 @@ TEST_CASE("if one rank's input fails, all end and nothing is left") {
     }
 }
 
-TEST_CASE("ranks with other inputs, options or folders are refused before any work") {
+TEST_CASE("ranks with different inputs, options or folders are refused before any work") {
     const Int3 nodes{20, 30, 40};
     const TemporaryFolder folder;
     const auto plain = [&](int) { return std::make_unique<FunctionVolume<float>>(nodes, rough); };
@@ -360,12 +360,12 @@ TEST_CASE("ranks with other inputs, options or folders are refused before any wo
         });
     });
     CHECK(elsewhere.kind() == ErrorKind::invalid_argument);
-    CHECK(elsewhere.problem().find("see ranks 2 (thread)") != std::string::npos);
+    CHECK(elsewhere.problem().find("ranks 2 (thread)") != std::string::npos);
     CHECK(folder.names().empty());
     CHECK(other.names().empty());
 }
 
-TEST_CASE("an input that can only be read in order is for one rank") {
+TEST_CASE("an input that can only be read in order is refused for several ranks") {
     const Int3 nodes{20, 30, 40};
     const TemporaryFolder folder;
     const auto open = [&](int) { return std::make_unique<SequentialVolume>(nodes, rough); };

@@ -1,4 +1,4 @@
-// What an interrupted run of several ranks has left is taken over by another one.
+// A run continues from what an interrupted run of several ranks has left.
 #include <algorithm>
 #include <atomic>
 #include <catch2/catch.hpp>
@@ -24,7 +24,7 @@ using isonest::test::ThreadRanks;
 
 namespace {
 
-/// A run of so many ranks of which one fails when it reads plane `plane`.
+/// A run of `ranks` ranks of which one fails when it reads plane `plane`.
 void leave_interrupted(int ranks, const Int3& nodes, std::int64_t plane,
                        const std::filesystem::path& store, const PreprocessOptions& options,
                        const std::filesystem::path& scratch) {
@@ -51,7 +51,7 @@ std::vector<std::string> sorted_names(const TemporaryFolder& folder) {
 
 }  // namespace
 
-TEST_CASE("what ranks have left is taken over by as many ranks or by others") {
+TEST_CASE("files left by ranks are taken over by the same or another number of ranks") {
     const Int3 nodes{40, 70, 90};
     PreprocessOptions options = with_chunk(8);
     const TemporaryFolder folder;
@@ -67,7 +67,8 @@ TEST_CASE("what ranks have left is taken over by as many ranks or by others") {
                 const TemporaryFolder scratch;
                 leave_interrupted(before, nodes, 80, folder / "s", options, scratch.path());
                 CHECK(!std::filesystem::exists(folder / "s"));
-                // Two of each rank that has made a block, which of several none may have done yet.
+                // Two files for each rank that has finished a block; with several ranks possibly
+                // none has.
                 const bool has_left = !scratch.names().empty();
                 CHECK((has_left || before > 1));
                 CHECK(scratch.names().size() % 2 == 0);
@@ -102,7 +103,7 @@ TEST_CASE("what ranks have left is taken over by as many ranks or by others") {
 
 namespace {
 
-/// Stops a run where a phase begins.
+/// Stops a run at the start of a phase.
 class StoppedAt : public Progress {
   public:
     explicit StoppedAt(std::string phase) : phase_(std::move(phase)) {}
@@ -119,7 +120,8 @@ class StoppedAt : public Progress {
 
 }  // namespace
 
-TEST_CASE("a run that has all of the base pass and is interrupted behind it leaves no more") {
+TEST_CASE(
+    "a run that has the whole base pass and is interrupted after it leaves no further files") {
     const Int3 nodes{40, 70, 90};
     PreprocessOptions options = with_chunk(8);
     const TemporaryFolder folder;
@@ -150,13 +152,13 @@ TEST_CASE("a run that has all of the base pass and is interrupted behind it leav
     const auto all = on_ranks(
         2, [&](int) { return std::make_unique<CountedVolume>(nodes, read); }, folder / "s", options,
         scratch.path());
-    CHECK(read == 0);  // all of the base pass was there
+    CHECK(read == 0);  // the whole base pass was there
     CHECK(all.front().whole.resumed_chunks > 500);
     CHECK(read_file(folder / "s") == read_file(folder / "alone"));
     CHECK(scratch.names().empty());
 }
 
-TEST_CASE("what ranks have left of another input or of other options is not taken") {
+TEST_CASE("files left for another input or other options are not taken over") {
     const Int3 nodes{40, 70, 90};
     PreprocessOptions options = with_chunk(8);
     options.resume = true;
@@ -173,7 +175,7 @@ TEST_CASE("what ranks have left of another input or of other options is not take
     CHECK(folder.names().size() == 4);
 }
 
-TEST_CASE("runs interrupted again and again in the base pass leave each block once") {
+TEST_CASE("runs interrupted repeatedly in the base pass leave each block once") {
     const Int3 nodes{40, 70, 90};
     PreprocessOptions options = with_chunk(8);
     const TemporaryFolder folder;
@@ -197,7 +199,7 @@ TEST_CASE("runs interrupted again and again in the base pass leave each block on
     }
     CHECK(left > whole / 2);
     const std::vector<std::string> files = sorted_names(scratch);
-    // The last rank has nothing to add, and so no files.
+    // The last run has nothing to add, and so leaves no further files.
     leave_interrupted(1, nodes, 80, folder / "s", options, scratch.path());
     CHECK(sorted_names(scratch) == files);
     on_ranks(

@@ -1,4 +1,4 @@
-// An interrupted run, continued, gives the bytes of one that was not interrupted.
+// An interrupted run, when resumed, gives the same bytes as an uninterrupted one.
 #include "preprocess/levels/resume.h"
 
 #include <hdf5.h>
@@ -17,7 +17,7 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// Cancels at its n-th question.
+/// Cancels at the n-th call.
 class CancelAt : public Progress {
   public:
     explicit CancelAt(int n) : left_(n) {}
@@ -27,7 +27,7 @@ class CancelAt : public Progress {
     mutable std::atomic<int> left_;
 };
 
-/// Like a gzip stream: only in order, and the whole of it again for each run.
+/// Like a gzip stream: can only be read in order, and from the start in each run.
 class Sequential : public FunctionVolume<float> {
   public:
     using FunctionVolume<float>::FunctionVolume;
@@ -52,7 +52,7 @@ PreprocessOptions resuming(int chunk = 8) {
     return options;
 }
 
-/// Whether the run was cancelled.
+/// Returns whether the run was cancelled.
 bool interrupted(VolumeSource& source, const std::filesystem::path& store, int questions,
                  const PreprocessOptions& options) {
     CancelAt progress(questions);
@@ -77,7 +77,7 @@ std::filesystem::path leftover(const TemporaryFolder& folder, const std::string&
 
 }  // namespace
 
-TEST_CASE("a run interrupted anywhere and resumed gives the same bytes, and leaves nothing") {
+TEST_CASE("a run interrupted anywhere and resumed gives the same bytes, and leaves no other file") {
     FunctionVolume<float> volume({70, 41, 75}, uneven);
     const TemporaryFolder folder;
     make_store(volume, folder / "whole", with_chunk(8));
@@ -101,12 +101,12 @@ TEST_CASE("a run interrupted anywhere and resumed gives the same bytes, and leav
     CHECK(most > 500);
 }
 
-TEST_CASE("a run that is interrupted again and again gets to its end") {
+TEST_CASE("a run that is interrupted repeatedly completes in the end") {
     FunctionVolume<float> volume({70, 41, 75}, uneven);
     const TemporaryFolder folder;
     make_store(volume, folder / "whole", with_chunk(8));
     int runs = 1;
-    // Each time a little longer, because what was done has to be read again.
+    // Each time a little longer, because finished parts must be read again.
     while (interrupted(volume, folder / "s", 20 * runs, resuming())) {
         const std::size_t left = folder.names().size() - 1;
         CHECK((left == 0 || left == 3));
@@ -117,7 +117,7 @@ TEST_CASE("a run that is interrupted again and again gets to its end") {
     CHECK(folder.names().size() == 2);
 }
 
-TEST_CASE("what a resumed run finds damaged it makes anew") {
+TEST_CASE("a resumed run recomputes what it finds damaged") {
     FunctionVolume<float> volume({50, 41, 120}, uneven);
     const TemporaryFolder folder;
     make_store(volume, folder / "whole", with_chunk(8));
@@ -159,7 +159,7 @@ TEST_CASE("a stream is read from its beginning when its run is resumed") {
     CHECK(read_file(folder / "s") == read_file(folder / "whole"));
 }
 
-TEST_CASE("a resumed run reads only the planes that are still to be done") {
+TEST_CASE("a resumed run reads only the planes that are not finished") {
     FunctionVolume<float> volume({50, 41, 120}, uneven);
     const TemporaryFolder folder;
     REQUIRE(interrupted(volume, folder / "s", 60, resuming()));
@@ -169,7 +169,7 @@ TEST_CASE("a resumed run reads only the planes that are still to be done") {
     CHECK(volume.planes_read_ > 0);
 }
 
-TEST_CASE("what was left of another input or other options is not used, and is named") {
+TEST_CASE("files left for another input or other options are not used, but named") {
     FunctionVolume<float> volume({50, 41, 120}, uneven);
     const TemporaryFolder folder;
     REQUIRE(interrupted(volume, folder / "s", 120, resuming()));
@@ -188,7 +188,7 @@ TEST_CASE("what was left of another input or other options is not used, and is n
     PreprocessOptions other = resuming();
     volume.identity_ = "input 2\n";
     CHECK(message(other).find("'input 1', this one has 'input 2'") != std::string::npos);
-    // Without --resume it is left alone.
+    // Without --resume they are not touched.
     other.resume = false;
     CHECK(message(other).empty());
     CHECK(std::filesystem::exists(folder / "s"));
@@ -197,7 +197,8 @@ TEST_CASE("what was left of another input or other options is not used, and is n
     }
 }
 
-TEST_CASE("a run is not resumed with other values that say they are the same input") {
+TEST_CASE(
+    "a run is not resumed if the values differ although the identity of the input is the same") {
     for (const bool first : {true, false}) {
         FunctionVolume<float> volume({50, 41, 120}, uneven);
         const TemporaryFolder folder;
@@ -222,7 +223,8 @@ TEST_CASE("a run is not resumed with other values that say they are the same inp
     }
 }
 
-TEST_CASE("the identity of a source tells each of its files, same size and time or not") {
+TEST_CASE(
+    "the identity of a source distinguishes each of its files, even with the same size and time") {
     const TemporaryFolder folder;
     const auto write = [&](const char* name, const auto& fill) {
         const hid_t file =
@@ -271,7 +273,7 @@ TEST_CASE("the identity of a source tells each of its files, same size and time 
     CHECK(identity().find("missing 3") != std::string::npos);
 }
 
-TEST_CASE("without --resume an interrupted run leaves nothing") {
+TEST_CASE("without --resume an interrupted run leaves no file") {
     FunctionVolume<float> volume({50, 41, 120}, uneven);
     const TemporaryFolder folder;
     PreprocessOptions options = resuming();
@@ -280,7 +282,7 @@ TEST_CASE("without --resume an interrupted run leaves nothing") {
     CHECK(folder.names().empty());
 }
 
-TEST_CASE("a run that is alive is not taken over, even under the same name") {
+TEST_CASE("a run that is still alive is not taken over, even if the name is the same") {
     FunctionVolume<float> volume({30, 30, 60}, uneven);
     const TemporaryFolder folder;
     REQUIRE(interrupted(volume, folder / "s", 40, resuming()));
@@ -290,7 +292,7 @@ TEST_CASE("a run that is alive is not taken over, even under the same name") {
     CHECK(temporary_name(folder / "s") != store);
 }
 
-TEST_CASE("what an interrupted run left is found by one process at a time") {
+TEST_CASE("the files of an interrupted run are taken over by one process at a time") {
     const TemporaryFolder folder;
     RunJournal(folder / ".s.partial-7", "same\n").keep();
     std::optional<InterruptedRun> first = InterruptedRun::find(folder / "s", "same\n");

@@ -1,7 +1,7 @@
-"""The arrows between the folders, how many files a folder shows, what stands at the top level, and that the
-library names no flags of the program. Arguments are not used.
+"""Checks which folders may include each other, the number of files per folder, the files at the top level, and that
+the library names no options of the program. Arguments are not used.
 
-The checker first has to find faults planted into a copy of the tree, then none in the tree itself.
+The checker must first find faults planted into a copy of the tree, then none in the tree itself.
 """
 import collections
 import pathlib
@@ -18,7 +18,7 @@ MAY_INCLUDE = {
     "tools": {"tools", "preprocess", "query", "store"},
     "tests": {"tests", "tools", "preprocess", "query", "store"},
 }
-# The rooms of a folder, each with those that it may include beside itself and public headers.
+# The rooms of each folder, each with the rooms that it may include in addition to itself and public headers.
 ROOMS = {
     "store": {"base": set(), "files": {"base"}, "bytes": {"base", "files"},
               "remote": {"base", "bytes"}, "lattice": {"base"},
@@ -28,46 +28,38 @@ ROOMS = {
     "preprocess": {"sources": set(), "indicators": set(), "levels": {"sources", "indicators"},
                    "ranks": {"levels", "sources", "indicators"},
                    "synthetic": set()},
-    "query": {"view": set(), "march": {"view"}, "formats": set(), "mesh": {"view", "march"},
-              "apart": {"mesh"}, "simplify": {"view", "mesh", "traverse"},
-              "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
-              "finite_elements": {"view", "traverse"},
-              "statistics": set(), "labels": set(), "surface_nets": {"labels", "mesh"},
-              "ranks": {"view", "march", "mesh", "apart", "formats", "simplify", "traverse"},
+    "query": {"values": set(), "march": {"values"}, "formats": set(), "mesh": {"values", "march"},
+              "apart": {"mesh"}, "simplify": {"values", "mesh", "traverse"},
+              "traverse": {"values", "march"}, "check": {"values"}, "study": {"values", "traverse"},
+              "finite_elements": {"values", "traverse"},
+              "statistics": set(), "surface_nets": {"statistics", "mesh"},
+              "ranks": {"values", "march", "mesh", "apart", "formats", "simplify", "traverse"},
               "neuroglancer": {"mesh", "simplify"},
-              "slabs": {"view", "march", "mesh", "apart"},
-              "distance": {"view", "march", "simplify", "traverse"},
-              "extract": {"view", "march", "mesh", "apart", "simplify", "traverse", "distance", "slabs", "ranks",
-                          "labels", "surface_nets", "neuroglancer"}},
+              "slabs": {"values", "march", "mesh", "apart"},
+              "distance": {"values", "march", "simplify", "traverse"},
+              "extract": {"values", "march", "mesh", "apart", "simplify", "traverse", "distance", "slabs", "ranks",
+                          "statistics", "surface_nets", "neuroglancer"}},
 }
-# Rooms within a room, each with those that it may include beside itself; every folder there is one of them.
-SHARED = {"bytes": set(), "modules": set(), "numbers": {"bytes", "wrapping"}, "wrapping": set(), "label_names": {"bytes"},
-          "placement": {"bytes", "numbers", "wrapping"}}
-FORMATS = ("dicom", "hdf5", "meta_image", "mgh", "mrc", "netcdf", "nifti", "nrrd", "numpy", "openvdb", "raw", "slices",
-           "tiff", "vtk", "zarr")
+# Rooms within a room, each with those that it may include in addition to itself; every folder there is one of them.
+SHARED = {"bytes": set(), "wrapping": {"bytes"}, "numbers": {"bytes", "wrapping"}, "placement": {"bytes", "numbers", "wrapping"}}
+FORMATS = ("arrays", "dicom", "grids", "hdf5", "images", "tiff", "zarr")
 INNER_ROOMS = {
-    "store/container": {"footer": {"codec.h", "format.h", "hdf5_types.h", "label_table.h"},
-                        "announce": {"chunk_cache.h", "chunk_source.h"},
-                        "wrapping": {"chunk_source.h"},
-                        "writing": {"codec.h", "cube_range.h", "format.h", "hdf5_types.h", "label_table.h"},
-                        "by_hdf5": {"format.h", "cube_range_table.h", "hdf5_types.h", "header_reader.h",
-                                    "header_writer.h", "label_table.h", "reader.h", "footer"}},
-    "preprocess/sources": SHARED | {name: {*SHARED, "volume_format.h"} for name in (*FORMATS, "known")},
+    "store/container": {"parts": {"chunk_source.h", "codec.h", "format.h", "reader.h", "writer.h"}},
+    "preprocess/sources": SHARED | {name: {*SHARED, "volume_format.h", "module_loader.h"} for name in FORMATS},
     "query/extract": {
         "stages": {"extract_query.h"},
-        "analysis": {"extract_query.h", "run_extraction.h", "stages"},
-        "labels": {"combinations.h", "extract_query.h", "query_checks.h"},
+        "labels": {"combinations.h", "extract_query.h", "query_checks.h", "report.h"},
     },
 }
-# Of these, the rooms that show one header, and to nobody but the files beside the rooms (the entrance).
-FACES = {"preprocess/sources": {name: f"{name}/{name}_format.h" for name in FORMATS}}
+# The rooms of these that expose no header: a format is known by its function in volume_format.h.
+CLOSED = {"preprocess/sources": FORMATS}
 STORAGE_HEADERS = re.compile(r"(hdf5|hdf5_hl|H5\w+|zstd\w*)\.h")
-# Zarr's chunks are zstd frames of its own.
+# Zarr's chunks are zstd frames of their own.
 STORAGE_ALLOWED = ("store/", "tests/", "tools/bench/", "preprocess/sources/hdf5/",
                    "preprocess/sources/zarr/zarr_codec")
 TOP_LEVEL = {*MAY_INCLUDE, "CMakeLists.txt", "README.md", "CONTRIBUTING.md", "LICENSE",
              "CMakePresets.json", "pyproject.toml"}
-MOST_FILES = 32  # that a folder shows: what is more has rooms
+MOST_FILES = 32  # per folder; more files are divided into rooms
 DATA_FOLDERS = ("tests/fuzz/corpus/", "tests/store/golden/", "tools/pictures/figures/")
 FETCHED = {"node_modules", "dist", "__pycache__"}
 LOCAL_OUTPUT = re.compile(r"build.*|quickstart-out|.*\.isonest")  # as in .gitignore
@@ -77,12 +69,12 @@ PUBLIC = re.compile(r"isonest/\w+\.h")
 
 
 def place_in(parent, name):
-    """The room, or file, of `parent` that `name` is in; nothing if it is elsewhere."""
+    """The room or file in `parent` that contains `name`; "" if it is elsewhere."""
     return name.removeprefix(parent + "/").split("/")[0] if name.startswith(parent + "/") else ""
 
 
 def paths_below(folder):
-    """All files, in order, without what was fetched or made."""
+    """All files, in order, except fetched or generated ones."""
     for path in sorted(folder.iterdir()):
         if path.is_dir() and path.name not in FETCHED:
             yield from paths_below(path)
@@ -128,12 +120,8 @@ def find_faults(root):
                     if quote == '"' and here in inner and there \
                             and there not in {here, *inner[here]}:
                         faults.append(f"{place}; {parent}/{here}/ may include {sorted(inner[here])}")
-                    face = FACES.get(parent, {}).get(there)
-                    entrance = here and here not in inner
-                    if quote == '"' and face and here != there and folder != "tests" \
-                            and not (entrance and target == f"{parent}/{face}"):
-                        faults.append(f"{place}; of {parent}/{there}/ only {face} may be included, "
-                                      f"and only by files of {parent}/")
+                    if quote == '"' and there in CLOSED.get(parent, ()) and here != there and folder != "tests":
+                        faults.append(f"{place}; of {parent}/{there}/ nothing may be included outside of it")
                 if PUBLIC.fullmatch(target) and owner.get(target) not in may:
                     faults.append(f"{place}, of {owner.get(target)}; {folder}/ may include "
                                   f"{', '.join(sorted(may))}")
@@ -165,12 +153,12 @@ PLANTED = {
     "query/mesh/planted_public.cpp": "#include <isonest/preprocess.h>",
     "store/public/isonest/planted.h": '#include "store/base/box.h"',
     "query/mesh/planted_names.h": "namespace isonest {",
-    "query/view/planted_room.h": '#include "query/traverse/interest.h"',
+    "query/values/planted_room.h": '#include "query/traverse/interest.h"',
     "store/container/planted_room.h": '#include "store/exports/volume_file.h"',
-    "preprocess/sources/dicom/planted_inner.h": '#include "preprocess/sources/zarr/zarr_format.h"',
+    "preprocess/sources/dicom/planted_inner.h": '#include "preprocess/sources/zarr/zarr_array.h"',
     "preprocess/sources/bytes/planted_shared.h": '#include "preprocess/sources/numbers/raw_rows.h"',
     "preprocess/sources/planted_inside.cpp": '#include "preprocess/sources/zarr/zarr_array.h"',
-    "preprocess/levels/planted_face.cpp": '#include "preprocess/sources/zarr/zarr_format.h"',
+    "preprocess/levels/planted_face.cpp": '#include "preprocess/sources/zarr/zarr_array.h"',
     "preprocess/sources/unknown/planted.h": "",
     "query/planted_hdf5.cpp": "#include <hdf5.h>",
     "preprocess/planted_hdf5.cpp": "#include <hdf5.h>",

@@ -1,6 +1,4 @@
-// --cache: a folder, and how much may lie in it.
-#include "tools/cli/options/cache_option.h"
-
+// --cache: a folder, and its maximum size.
 #include <catch2/catch.hpp>
 #include <string>
 #include <tuple>
@@ -8,10 +6,12 @@
 
 #include <isonest/error.h>
 
+#include "tools/cli/options/remote_options.h"
+
 using namespace isonest;
 using namespace isonest::detail::cli;
 
-TEST_CASE("a cache is a folder, with its size behind the last colon if that is one") {
+TEST_CASE("a cache is a folder, optionally followed by a colon and its size") {
     const std::uint64_t usual = CacheChoice().bytes;
     CHECK(usual == std::uint64_t{1} << 30U);
     const std::vector<std::tuple<const char*, const char*, std::uint64_t>> cases{
@@ -35,7 +35,7 @@ TEST_CASE("a cache is a folder, with its size behind the last colon if that is o
     }
 }
 
-TEST_CASE("no folder and a size of nothing are refused by name") {
+TEST_CASE("an empty folder and a size of zero are refused, and the message names the option") {
     for (const char* text : {"", ":1G", "cache:0", "cache:0M"}) {
         CAPTURE(text);
         try {

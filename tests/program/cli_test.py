@@ -1,4 +1,4 @@
-"""The program as its users see it: help, errors, exit codes, files, signals, pictures, the plugin.
+"""The program as users see it: help, errors, exit codes, files, signals, pictures, the HDF5 plugin.
 
 Usage: cli_test.py ISONEST PLUGIN_FOLDER
 """
@@ -30,7 +30,7 @@ ERROR_KINDS = {2: "invalid_argument", 3: "not_found", 4: "corrupt", 5: "unsuppor
                7: "limit", 130: "cancelled"}
 
 
-# The tracer of clang's leak sanitizer crashes where Mesa's threads end.
+# The leak sanitizer of clang crashes when Mesa's threads end.
 WITHOUT_LEAKS = {**os.environ, "ASAN_OPTIONS": os.environ.get("ASAN_OPTIONS", "") + ":detect_leaks=0"}
 PICTURES = {"env": WITHOUT_LEAKS} if is_sanitized(ISONEST) else {}
 
@@ -107,7 +107,7 @@ class Cli(unittest.TestCase):
         return json.loads(done.stdout)
 
     def fails(self, code, *arguments):
-        """Exit code, message on stderr, error object on stdout; no file comes or goes."""
+        """Checks the exit code, the message on stderr and the error object on stdout; no file appears or disappears."""
         before = sorted(self.here.rglob("*"))
         done = run(*arguments, cwd=self.here)
         self.assertEqual(done.returncode, code, (arguments, done.stderr))
@@ -130,20 +130,31 @@ class Cli(unittest.TestCase):
         for line in text.split("\n"):
             self.assertLessEqual(len(line), 110)
 
+    def test_an_option_is_a_line_of_a_group(self):
+        for command in COMMANDS + ["slice", "study", "smooth", "check", "publish"]:
+            text = self.ok(command, "--help").stdout.decode()
+            groups = re.findall(r"(?m)^(\S.*):\n((?:  .*\n)+)", text[text.index("\nUsage:"):text.index("\nExamples:")])
+            self.assertEqual([name for name, _ in groups][0], "Positionals")
+            self.assertEqual([name for name, _ in groups][-1], "General")
+            self.assertNotIn("Options", [name for name, _ in groups])
+            for name, lines in groups[1:]:
+                for line in lines.splitlines():
+                    self.assertRegex(line, r"\A  (-\w,)?--[a-z-]+.{1,26}  \S", (command, name))
+
     def test_every_example_of_the_help_is_taken(self):
         seen = 0
         with tempfile.TemporaryDirectory() as empty:
             for command in COMMANDS:
                 text = self.ok(command, "--help").stdout.decode()
-                text = text.replace(" \\\n     ", "")  # what goes on in the next line
+                text = text.replace(" \\\n     ", "")  # continued lines
                 examples = re.findall(r"(?m)^  (isonest .*)$", text[text.index("Examples:"):])
                 self.assertGreaterEqual(len(examples), 2, command)
                 self.assertTrue(text.rstrip().endswith(examples[-1]))
                 for example in examples:
-                    # Nobody listens there.
+                    # No server listens there.
                     here = re.sub(r"(https|s3)://[\w.]+/", "http://127.0.0.1:1/", example)
                     done = run(*shlex.split(here)[1:], cwd=empty)
-                    # Well formed; there is no such file, or server.
+                    # The command is well formed; the file or server does not exist.
                     wanted = (0,) if command == "make-volume" else (3,) if here == example else (5, 6)
                     self.assertIn(done.returncode, wanted, (example, done.stderr))
                     seen += 1
@@ -164,7 +175,7 @@ class Cli(unittest.TestCase):
                 [*extract, "--iso", "0.5x"], [*extract, "--iso", "1", "--iso", "2"],
                 [*extract, "--iso", "1", "--error", "-1"], [*extract, "--iso", "1", "--error", "nan"],
                 [*extract, "--iso", "1", "--error", "1", "--error-relative", "1"],
-                [*extract, "--iso", "1", "--guarantee", "best"],
+                [*extract, "--iso", "1", "--indicator", "best"],
                 [*extract, "--iso", "1", "--box", "0,0,0,1,1"],
                 [*extract, "--iso", "1", "--box", "0,0,0,1,1,nan"],
                 [*extract, "--iso", "1", "--box", "5,0,0,1,9,9"],
@@ -288,8 +299,9 @@ class Cli(unittest.TestCase):
                                     "-o", "x.ply"), r"--memory \d+M")
 
     def test_damage_exits_with_4(self):
-        self.fails(4, "info", "b.ply")
-        self.fails(4, "picture", "b.h5", "-o", "x.png")
+        self.fails(4, "check", "b.ply")
+        self.assertIn("mesh", self.fails(5, "info", "b.ply"))
+        self.assertIn("not a mesh", self.fails(2, "picture", "b.h5", "-o", "x.png"))
         with tempfile.TemporaryDirectory() as other:
             cut = pathlib.Path(other) / "cut.ply"
             cut.write_bytes((self.here / "b.ply").read_bytes()[:-1])
@@ -348,7 +360,7 @@ class Cli(unittest.TestCase):
         self.assertEqual(info["type"], "float32")
         self.assertEqual(info["cube_range_bytes"], (4**3 + 2**3 + 1) * 2 * 4)
         self.assertEqual(sum(a["chunks"] for a in info["arrays"] if not a["alias"]), info["chunks"])
-        report = self.json("extract", "b.isonest", "--iso", "0.5", "--error", "0.01", "-o", "e.ply")
+        report = self.json("extract", "b.isonest", "--iso", "0.5", "--error", "0.01", "--effort", "none", "-o", "e.ply")
         for key in ("vertices", "triangles", "error_bound", "visited_tetrahedra",
                     "leaf_tetrahedra", "chunks_read", "chunks_total", "bytes_read",
                     "peak_cache_bytes", "seconds"):
@@ -376,10 +388,10 @@ class Cli(unittest.TestCase):
         self.assertEqual((report["mended_triangles"], report["zero_area_triangles"]), (0, 0))
         self.ok("preprocess", "b.h5", "--origin", "1e6,1e6,1e6", "--spacing", "1,1,1", "-o", "far.isonest")
         ask[1] = "far.isonest"
-        report = json.loads(self.ok(*ask, "--json").stdout)  # beside a warning
+        report = json.loads(self.ok(*ask, "--json").stdout)  # in addition to a warning
         self.assertGreater(report["mended_triangles"], 0)
         self.assertEqual(report["zero_area_triangles"], 0)
-        self.assertIn(f"{report['mended_triangles']} triangles whose corners".encode(), self.ok(*ask).stdout)
+        self.assertIn(f"{report['mended_triangles']} triangles that degenerate".encode(), self.ok(*ask).stdout)
         for name in ("a.ply", "far.isonest"):
             (self.here / name).unlink()
 
@@ -456,7 +468,7 @@ class Cli(unittest.TestCase):
                 self.assertEqual([p.name for p in folder.iterdir()], ["n.raw"])
 
     def interrupted(self, folder, *arguments):
-        """A run of preprocess on noise that is stopped after its first row of chunks: its command."""
+        """A run of preprocess on noise that is stopped after its first row of chunks; returns its command."""
         self.ok("make-volume", "noise", "--size", "129", "--type", "uint16", "-o", folder / "n.raw")
         command = [ISONEST, "preprocess", *arguments, "--compression", "19", "--chunk", "16",
                    "--threads", "1", "-o", "n.isonest", "--resume", "--json"]
@@ -529,7 +541,7 @@ class Cli(unittest.TestCase):
         self.assertGreater(min(background), 200)
         ink = [(x, y) for y, row in enumerate(rows) for x in range(width)
                if row[3 * x:3 * x + 3] != background]
-        self.assertGreater(len(colours(rows)), 50)  # shaded
+        self.assertGreater(len(colours(rows)), 50)  # it is shaded
         for axis, size in ((0, width), (1, height)):
             lo, hi = (f(p[axis] for p in ink) for f in (min, max))
             self.assertAlmostEqual(lo + hi, size - 1, delta=0.08 * size)
@@ -561,11 +573,11 @@ class Cli(unittest.TestCase):
             for cut in (0, 3, 20, 200, len(whole) // 2, len(whole) - 100):
                 mesh.write_bytes(whole[:cut])
                 done = run("picture", mesh, "-o", "p.png", *options, cwd=self.here)
-                # Text that ends at the end of a line is whole to its reader; so are numbers that follow.
+                # A text format that ends at the end of a line is complete for its reader; so are numbers.
                 fine = (0, 4, 5) if end in ("obj", "ngmesh") else (2, 4, 5)
                 self.assertIn(done.returncode, fine, (end, cut, done.stderr))
             mesh.unlink()
-        # As versions before 0.5 wrote it.
+        # As written by versions before 0.5.
         self.ok("extract", "b.isonest", "--iso", "0.5", "-o", "m.vtp")
         text, appended = (self.here / "m.vtp").read_text(), b""
         for array in re.findall(r'format="binary">\n.*?</DataArray>', text, re.DOTALL):
@@ -613,10 +625,6 @@ class Cli(unittest.TestCase):
             self.assertIn("did you mean " + meant, self.fails(2, *arguments))
         self.assertNotIn("did you mean", self.fails(2, "frobnicate"))
 
-    def test_a_relative_error_is_a_part(self):
-        self.assertIn("a part of the data's range", self.fails(2, "extract", "b.isonest", "--iso", "0.5", "-o", "x.ply",
-                                                               "--error-relative", "5"))
-
     def test_larger_pictures_have_a_scale_bar_and_directions(self):
         pictures = []
         for options in ((), ("--plain",)):
@@ -638,7 +646,7 @@ class Cli(unittest.TestCase):
                                         ("left", "-90,0", "-1,0,0"), ("top", "0,90", "0,0,1"),
                                         ("bottom", "0,-90", "0,0,-1")):
             self.assertEqual(picture(name), picture(direction), name)
-            if name in ("front", "top", "bottom"):  # cosines of right angles are not quite 0
+            if name in ("front", "top", "bottom"):  # cosines of right angles are not exactly 0
                 self.assertEqual(picture(name), picture(angles), name)
         self.assertNotEqual(picture("front"), picture("iso"))
         self.fails(2, "picture", "b.ply", "-o", "p.png", "--view", "sideways")
@@ -692,14 +700,14 @@ class Cli(unittest.TestCase):
         self.ok("preprocess", "b.h5", "-o", "far.isonest", "--spacing", "0.25,1,1", "--origin",
                 "5e6,0,0")
         done = self.ok("extract", "far.isonest", "--iso", "0.5", "-o", "far.ply", "--json")
-        self.assertEqual(json.loads(done.stdout)["coordinate_rounding"], 1)  # half of 0.5, by 0.25
+        self.assertEqual(json.loads(done.stdout)["coordinate_rounding"], 1)  # half of 0.5, divided by 0.25
         self.assertIn(b"isonest: warning: far.ply: its coordinates", done.stderr)
         (self.here / "far.isonest").unlink()
         (self.here / "far.ply").unlink()
 
     def test_shading_falls_back_to_flat_where_memory_is_short(self):
         self.assertEqual(self.json("picture", "b.ply", "-o", "p.png")["shading"], "smooth")
-        # OSMesa and the least strip of 10 pixels fit, but no normals (tools/drawing/picture.cpp).
+        # Enough for OSMesa and the smallest strip of 10 pixels, but not for normals (tools/drawing/picture.cpp).
         least = (94 << 20) + 10 * 91 * (32 + 2)
         flat = self.json("picture", "b.ply", "-o", "p.png", "--size", "10x10", "--memory", least)
         self.assertEqual(flat["shading"], "flat")
@@ -738,13 +746,13 @@ class Cli(unittest.TestCase):
                 ((*plane, "0,0,1,4", "--contours", 99), "do not occur in the plane")):
             done = self.ok(*arguments, "-o", "why.vtp")
             self.assertIn(words, done.stdout.decode(), arguments)
-        # A peak that is flattened away: only the tolerance hides it.
+        # A peak that is flattened: only the tolerance hides it.
         u[:] = 0
         u[3, 3, 3] = 1
         with h5py.File(self.here / "peak.h5", "w") as file:
             file["u"] = u
         self.ok("preprocess", "peak.h5", "-o", "peak.s", "--chunk", 8)
-        done = self.ok("extract", "peak.s", "--iso", 0.5, "--error", 2, "-o", "why.vtp")
+        done = self.ok("extract", "peak.s", "--iso", 0.5, "--error", 2, "--effort", "none", "-o", "why.vtp")
         self.assertIn("a smaller one may show some", done.stdout.decode())
         self.fails(2, *plane, "0,0,1,4", "--range", "200,100", "-o", "why.png")
         for path in self.here.glob("why.*"):
@@ -808,13 +816,13 @@ class Cli(unittest.TestCase):
                       self.ok(*extract, "--triangles", full // 2, "--by", "error").stdout.decode())
         same = [self.json(*extract, "--distance", d)["triangles"] for d in ("0.2", "0.20", "0.2voxel")]
         self.assertEqual(len(set(same)), 1)
-        for options, words in ((("--distance", "1furlong"), "the unit is none of those that are known"),
-                               (("--distance", "0.2mm"), "is not known"),
+        for options, words in ((("--distance", "1furlong"), "unknown unit"),
+                               (("--distance", "0.2mm"), "has no unit"),
                                (("--distance", "nan"), "give a finite number"),
                                (("--distance", "-1mm"), "give a number >= 0"),
                                (("--triangles", 9, "--by", "size"), "give distance or error"),
-                               (("--by", "error"), "requires --triangles"),
-                               (("--triangles", 9, "--by", "error", "--distance", 1), "goes without --distance")):
+                               (("--by", "error"), "--by needs --triangles"),
+                               (("--triangles", 9, "--by", "error", "--distance", 1), "--by error and --distance cannot be combined")):
             self.assertIn(words, self.fails(2, *extract, *options))
         for path in self.here.glob("wave.*"):
             path.unlink()
@@ -822,7 +830,7 @@ class Cli(unittest.TestCase):
     def test_several_isovalues_are_a_file_each_or_one_with_all(self):
         alone = {}
         for iso in ("0.3", "0.50", "5"):
-            self.ok("extract", "b.isonest", "--iso", iso, "-o", "i_{iso}.ply")  # one: the name is filled in as well
+            self.ok("extract", "b.isonest", "--iso", iso, "-o", "i_{iso}.ply")  # also replaced for a single one
             alone[iso] = (self.here / f"i_{iso}.ply").read_bytes()
             (self.here / f"i_{iso}.ply").unlink()
         several = ("extract", "b.isonest", "--iso", "0.3,0.50,5")
@@ -843,20 +851,20 @@ class Cli(unittest.TestCase):
         self.assertIn(f"element face {sum(r['triangles'] for r in report)}", header)
         for path in [*self.here.glob("i_*"), *self.here.glob("all.*")]:
             path.unlink()
-        # Formats without such an attribute, or with one of 32 bits and a name of its own.
+        # Formats without such an attribute, or only with one of 32 bits under another name.
         for name in ("all.stl", "all.obj", "all.3mf", "all.glb", "all.GLB"):
             message = self.fails(2, *several, "-o", name)
-            self.assertIn(f"{name}: of several isovalues in one file, .ply, .vtp and .vtkhdf say which is whose", message)
-            self.assertIn("a name with {iso} in it", message)
+            self.assertRegex(message, rf"\A{re.escape(name)}: .*\.ply, \.vtp or \.vtkhdf")
+            self.assertIn("{iso}", message)
             self.assertFalse((self.here / name).exists())
-            # Each of them takes a file for each.
+            # Each of these formats works with one file per isovalue.
             self.ok(*several, "-o", name.replace("all", "i_{iso}"))
             self.assertEqual(len(list(self.here.glob(f"i_*{name[-4:]}"))), 3)
         for path in self.here.glob("i_*"):
             path.unlink()
         self.assertIn("given twice", self.fails(2, "extract", "b.isonest", "--iso", "0.5,0.50", "-o", "i_{iso}.ply"))
         many = ",".join(str(i / 300) for i in range(257))
-        self.assertIn("in several runs", self.fails(7, "extract", "b.isonest", "--iso", many, "-o", "all.ply"))
+        self.assertIn("257 isovalues", self.fails(7, "extract", "b.isonest", "--iso", many, "-o", "all.ply"))
 
     def test_a_surface_is_closed_on_either_side_and_the_report_says_so(self):
         import h5py
@@ -881,7 +889,7 @@ class Cli(unittest.TestCase):
                           self.ok(*extract, *options).stdout.decode())
         self.assertIn("closed at the faces of the box",
                       self.ok(*extract, "--close", "--box", "1,1,1,5,5,5").stdout.decode())
-        # The option's value never is the next argument.
+        # The option's value is never the next argument.
         self.assertEqual(self.json("extract", "--iso", 0.5, "--close", "solid-u.s", "-o", "solid.ply")["closed"],
                          "below")
         full = ("extract", "solid-u.s", "--iso", -1, "--close", "-o", "solid.ply")
@@ -895,7 +903,7 @@ class Cli(unittest.TestCase):
         for path in self.here.glob("solid.ply"):
             path.unlink()
         self.assertIn("give below or above", self.fails(2, *extract, "--close=left"))
-        self.assertIn("closing needs a volume",
+        self.assertIn("isolines cannot be combined with closing",
                       self.fails(2, "extract", "solid-flat.s", "--iso", 0.5, "--close", "-o", "solid.vtp"))
         self.fails(2, *extract, "--close", "--view", "0,0,1")
         self.fails(2, "extract", "solid-flat.s", "--graph", "--close", "-o", "solid.ply")

@@ -1,4 +1,4 @@
-"""Several processes at once, read-only places, full disks: nobody gets half a thing.
+"""Several processes at once, read-only folders, full disks: no output is ever incomplete.
 
 Usage: concurrent_test.py ISONEST PLUGIN_FOLDER
 """
@@ -86,7 +86,7 @@ class Concurrent(InFolder):
     def test_temporary_files_do_not_follow_links(self):
         victim = self.here / "precious"
         victim.write_text("precious")
-        # The names that the next process ids would use.
+        # The names that the next process ids would give.
         last = start("--version")
         last.communicate()
         for i in range(200):
@@ -127,7 +127,7 @@ class OtherFileSystems(InFolder):
         self.mount("4m")
         filler = self.small / "filler"
         failed = 0
-        # Less and less is free: the journal, the centres, the chunks or the table does not fit.
+        # With less and less free space the journal, the centres, the chunks or the table does not fit.
         for free in (8192, 40000, 150000, full // 4, full // 2, full - 60000, full - 4096):
             filler.write_bytes(b"")
             space = os.statvfs(self.small)
@@ -143,7 +143,7 @@ class OtherFileSystems(InFolder):
                     self.assertEqual(left, [])
                 for p in left:
                     p.unlink()
-        # What was done before the disk was full is used once there is space.
+        # What was finished before the disk was full is used when there is space again.
         filler.write_bytes(b"")
         space = os.statvfs(self.small)
         filler.write_bytes(b"x" * (space.f_bavail * space.f_frsize - full * 3 // 4))
@@ -152,7 +152,7 @@ class OtherFileSystems(InFolder):
         filler.unlink()
         done = run("preprocess", volume, "-o", self.small / "s", "--chunk", "16", "--resume")
         self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertIn(b"taken over", done.stdout)
+        self.assertIn(b"from an interrupted run", done.stdout)
         self.assertEqual((self.small / "s").read_bytes(), store.read_bytes())
         (self.small / "s").unlink()
         for output in ("m.ply", "m.vtp", "m.vtkhdf", "m.glb", "m.obj", "m.stl", "m.3mf"):

@@ -1,4 +1,5 @@
-"""tools/package/DEPENDENCIES.md: every library that is linked, installed for the build or locked for the page has a row, with its version.
+"""tools/package/DEPENDENCIES.md: every library that is linked, installed for the build or locked for the page has a
+row, with its version.
 
 usage: dependencies_test.py ISONEST PLUGIN_FOLDER
 """
@@ -20,22 +21,22 @@ from support.sanitized import is_sanitized  # noqa: E402
 BUILD = pathlib.Path(sys.argv[1]).resolve().parent.parent
 ROWS = list(sbom.libraries())
 DEBIAN = {row[2]: row[3] for row in ROWS if row[0] == "Debian's"}
-# What each of them has in the rows: Debian 12's version, then Debian 13's; or one of both.
+# Versions in the rows: Debian 12's, then Debian 13's; or one for both.
 RELEASES = ["bookworm", "trixie"]
-# What compiles, and what came with the system's compiler.
+# Build tools, and what comes with the system's compiler.
 TOOLS = {"g++", "cmake", "ninja-build", "pkg-config"}
 TESTS_ALONE = {"catch2"}
 SYSTEM = {"gcc-12", "gcc-14", "glibc"}
 
 
 def sources_of(packages):
-    """Debian's source package of each that is installed."""
+    """Debian's source package of each package that is installed."""
     done = subprocess.run(["dpkg-query", "-W", "-f", "${Package} ${source:Package}\n", *packages], capture_output=True, text=True)
     return dict(line.split() for line in done.stdout.splitlines())
 
 
 def upstream(version):
-    """Of Debian's version: what comes before its own additions."""
+    """The upstream part of a Debian version."""
     version = re.sub(r"^\d+:|-[^-]*$", "", version)
     if "+really" in version:
         version = version.partition("+really")[2]
@@ -43,7 +44,7 @@ def upstream(version):
 
 
 def release():
-    """Debian's, if it is one of those in the rows."""
+    """The code name of this Debian release, if the rows cover it."""
     text = pathlib.Path("/etc/os-release")
     found = re.search(r"^VERSION_CODENAME=(\w+)", text.read_text(), re.M) if text.exists() else None
     return found[1] if found and found[1] in RELEASES else None
@@ -64,10 +65,15 @@ class Dependencies(unittest.TestCase):
         self.assertEqual([name for name in rows if name not in text], [])
 
     def test_options_are_those_of_the_build(self):
-        text = (ROOT / "CMakeLists.txt").read_text()
+        text = (ROOT / "CMakeLists.txt").read_text() + (ROOT / "tools/CMakeLists.txt").read_text()
         for row in ROWS:
-            for option in re.findall(r"-DISONEST_(\w+)=OFF", row[6]):
-                self.assertRegex(text, rf"ISONEST_{option}\b|isonest_(?:format|source)_library\({option}\b|isonest_module\({option}\b")
+            options, libraries = re.findall(r"`-DISONEST_(\w+)=OFF`", row[6]), re.findall(r"`(\w+)`", row[6])
+            self.assertTrue(options or libraries or row[6].startswith("no"), row)
+            for option in options:
+                self.assertRegex(text, rf"ISONEST_{option}\b")
+            for library in libraries:
+                self.assertRegex(text, rf"isonest_(?:format_library|source_library|find_module)\({library}\b"
+                                       rf"|isonest_module\(\w+ {library}\b|find_package\({library}\b|FIND_PACKAGE_{library}\b")
 
     def test_the_page_has_its_packages(self):
         locked = json.loads((ROOT / "tools/view/web/package-lock.json").read_text())["packages"]
@@ -95,7 +101,7 @@ class Dependencies(unittest.TestCase):
             for library in re.findall(r"NEEDED.*\[(.*)\]", dynamic):
                 needed[library] = file
         self.assertIn("libc.so.6", needed)
-        # A line for each file of that name: PACKAGES: PATH.
+        # One line for each file of that name: PACKAGES: PATH.
         owners = collections.defaultdict(set)
         found = subprocess.run(["dpkg-query", "-S", *(f"*/{library}" for library in needed)], capture_output=True, text=True)
         for line in found.stdout.splitlines():
@@ -103,7 +109,7 @@ class Dependencies(unittest.TestCase):
             if not packages.startswith("diversion by"):
                 owners[path.rsplit("/", 1)[-1]] |= {package.split(":")[0] for package in packages.split(", ")}
         sources = sources_of({*DEBIAN, *(package for of in owners.values() for package in of)})
-        # Imath is a part of OpenVDB's row.
+        # Imath is part of OpenVDB's row.
         known = {sources.get(package) for package in DEBIAN} | SYSTEM | {"imath"}
         for library, file in needed.items():
             self.assertTrue({sources.get(package) for package in owners[library]} & known, f"{file}: {library}")

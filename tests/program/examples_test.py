@@ -1,6 +1,6 @@
-"""What is installed serves a consumer: tools/examples are configured and built against a copy of the built tree,
-run in empty folders and print the numbers that are known; every public header compiles on its own; and so does
-README.md's piece of C++, in a project as its reader would write it.
+"""The installed package works for its users: tools/examples are configured and built with a copy of the installation,
+run in empty folders and print the known numbers; every public header compiles on its own; and so does the C++
+snippet of the manual, in a project like its reader's.
 
 usage: examples_test.py ISONEST [PLUGIN_FOLDER]
 """
@@ -13,14 +13,14 @@ import tempfile
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"]
-# What is around README.md's piece of C++: where it takes its data from, and what it has at the end.
-README_PROJECT = """cmake_minimum_required(VERSION 3.25)
+# The code around the manual's C++ snippet: where its data come from, and the result.
+MANUAL_PROJECT = """cmake_minimum_required(VERSION 3.25)
 project(x CXX)
 find_package(isonest REQUIRED)
 add_executable(x main.cpp)
 target_link_libraries(x PRIVATE isonest::isonest)
 """
-README_BEFORE = """#include <cmath>
+MANUAL_BEFORE = """#include <cmath>
 #include <cstdio>
 #include <vector>
 int main() {
@@ -31,7 +31,7 @@ for (int i = 0; i < nx * ny * nz; ++i) {
     values.push_back(static_cast<float>(std::sqrt(x * x + y * y + z * z) / 16));
 }
 """
-README_AFTER = """
+MANUAL_AFTER = """
 std::printf("%zu vertices, %zu triangles\\n", mesh.vertices.size(), mesh.triangles.size());
 }
 """
@@ -68,7 +68,7 @@ with tempfile.TemporaryDirectory() as temporary:
     prefix = work / "prefix"
     run("cmake", "--install", build_tree, "--prefix", prefix)
 
-    # Each header alone, and nothing of the insides beside them.
+    # Each header alone, without internal headers.
     headers = sorted((prefix / "include").rglob("*.h"))
     check(len(headers) >= 12, f"only {len(headers)} headers are installed")
     for header in headers:
@@ -81,22 +81,22 @@ with tempfile.TemporaryDirectory() as temporary:
         f"-DCMAKE_CXX_COMPILER={compiler}", "-DCMAKE_BUILD_TYPE=Release",
         f"-DCMAKE_CXX_FLAGS={' '.join(WARNINGS + flags)}")
     run("cmake", "--build", work / "build", "--parallel", "2")
-    # As a reader of README.md would, in C++ alone.
-    snippets = re.findall(r"^```cpp\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.M | re.S)
-    check(len(snippets) == 1, f"README.md has {len(snippets)} pieces of C++")
+    # Like a reader of the manual, in C++ only.
+    snippets = re.findall(r"^```cpp\n(.*?)^```", (ROOT / "tools" / "MANUAL.md").read_text(encoding="utf-8"), re.M | re.S)
+    check(len(snippets) == 1, f"MANUAL.md has {len(snippets)} pieces of C++")
     includes = "".join(re.findall(r"^#include.*\n", snippets[0], re.M))
     body = re.sub(r"^#include.*\n", "", snippets[0], flags=re.M)
-    readme = work / "readme"
-    readme.mkdir()
-    (readme / "CMakeLists.txt").write_text(README_PROJECT)
-    (readme / "main.cpp").write_text(includes + README_BEFORE + body + README_AFTER)
-    run("cmake", "-S", readme, "-B", readme / "build", f"-DCMAKE_PREFIX_PATH={prefix}",
+    manual = work / "manual"
+    manual.mkdir()
+    (manual / "CMakeLists.txt").write_text(MANUAL_PROJECT)
+    (manual / "main.cpp").write_text(includes + MANUAL_BEFORE + body + MANUAL_AFTER)
+    run("cmake", "-S", manual, "-B", manual / "build", f"-DCMAKE_PREFIX_PATH={prefix}",
         f"-DCMAKE_CXX_COMPILER={compiler}", f"-DCMAKE_CXX_FLAGS={' '.join(flags)}")
-    run("cmake", "--build", readme / "build")
-    shown = run(readme / "build" / "x", cwd=readme)
-    print(f"README.md: {shown.strip()}")
+    run("cmake", "--build", manual / "build")
+    shown = run(manual / "build" / "x", cwd=manual)
+    print(f"MANUAL.md: {shown.strip()}")
     vertices, triangles = map(int, re.match(r"(\d+) vertices, (\d+) triangles$", shown).groups())
-    check(vertices > 100 and 2 * vertices - triangles == 4, "README.md: the ball is not closed")
+    check(vertices > 100 and 2 * vertices - triangles == 4, "MANUAL.md: the ball is not closed")
 
     programs = sorted(source.stem for source in (ROOT / "tools" / "examples").glob("*.cpp"))
     check(len(programs) >= 3, f"examples: {programs}")
@@ -107,21 +107,21 @@ with tempfile.TemporaryDirectory() as temporary:
         printed[program] = run(work / "build" / program, cwd=empty)
         print(f"{program}: {printed[program].strip()}")
 
-    # A closed surface of genus 0 has 2 V - T = 4.
+    # A closed surface of genus 0 satisfies 2 V - T = 4.
     vertices, triangles, error = map(float, re.match(
         r"(\d+) vertices, (\d+) triangles, error at most ([\d.e+-]+)$", printed["volume_in_memory"]).groups())
     check(vertices > 100 and 2 * vertices - triangles == 4, "volume_in_memory: the ball is not closed")
     check(0 < error <= 0.5, "volume_in_memory: the error is not within what was asked for")
 
-    # 19.5 x 14.5 world units. u is linear, but goes on as a constant beyond the volume, where coarse elements reach:
-    # the mean is off by no more than the error asked for.
+    # 19.5 x 14.5 world units. u is linear, but continued as a constant beyond the volume, where coarse elements reach:
+    # the mean deviates by no more than the requested error.
     triangles, area, mean = map(float, re.match(
         r"(\d+) triangles, area ([\d.]+), mean value ([\d.]+)$", printed["slice_callback"]).groups())
     check(math.isclose(area, 19.5 * 14.5, abs_tol=1e-3), "slice_callback: the area")
     check(math.isclose(mean, 19.5 / 2 + 2 * 14.5 / 2 + 3 * 4.25, abs_tol=1), "slice_callback: the mean")
     check(triangles < 39 * 29, "slice_callback: a linear function needs few triangles")
 
-    # The gyroid on 70 x 80 x 90 nodes, 0.1 apart: the file's own count of bytes, and the refusal.
+    # The gyroid on 70 x 80 x 90 nodes, 0.1 apart: the length stored in the file, and the refusal.
     glb = (work / "own_source" / "gyroid.glb").read_bytes()
     check(glb[:4] == b"glTF" and int.from_bytes(glb[8:12], "little") == len(glb), "own_source: gyroid.glb")
     triangles = int(re.search(r"gyroid.glb: (\d+) triangles", printed["own_source"]).group(1))

@@ -1,8 +1,8 @@
-"""Every system call that can fail: reading the input, writing, reserving space, syncing, naming. A run that
-meets an error of the machine says so, leaves no half output and what it was to replace, or, where it can do
-without the call, makes the same bytes.
+"""Every system call that can fail: reading the input, writing, reserving space, syncing, renaming. If the machine
+reports an error, the run says so, leaves no incomplete output and keeps the file to be replaced, or, if the call is
+optional, writes the same bytes.
 
-strace gives the errors. Usage: fault_test.py ISONEST PLUGIN_FOLDER
+strace injects the errors. Usage: fault_test.py ISONEST PLUGIN_FOLDER
 """
 import os
 import pathlib
@@ -37,25 +37,25 @@ with tempfile.TemporaryDirectory(prefix="isonest-fault-") as name:
         sys.exit(77)
 
     def traced(call, path, command, fault=()):
-        """Runs the command; only calls that touch `path` count, if one is given."""
+        """Runs the command; if `path` is given, only calls on it count."""
         only = ["-P", path] if path else []
         return subprocess.run([*strace, *only, "-e", f"trace={call}", *fault, isonest,
                                *map(str, command)], capture_output=True, timeout=300,
                               env=environment)
 
     def calls(call, path, command):
-        """How often the command makes the call, so that each try hits one."""
+        """How often the command makes the call, so that each try hits one of them."""
         traced(call, path, command)
         return len(re.findall(rf"\b{call.lstrip('/^')}\w*\(", log.read_text()))
 
     def try_all(command, output, call, error, path=None, most=3, last=1):
-        """Fails the call first, at the `last` ones and at up to `most` other places of the run; returns how
-        many runs were refused."""
+        """Makes the first call fail, the `last` ones and up to `most` others; returns the number of runs that were
+        refused."""
         global tries
         whole = output.read_bytes()
-        # strace counts the calls of each thread: only a single one meets every place for sure.
+        # strace counts calls per thread: only with a single thread every call is reached for sure.
         single = ["--threads", "1"]
-        force = ["--force"] if command[0] == "preprocess" else []  # the others always replace
+        force = ["--force"] if command[0] == "preprocess" else []  # other commands always replace
         count = calls(call, path, [*command, *force, *single])
         assert count > 0, f"{call}: the run makes no such call"
         places = sorted({1, *range(max(1, count - last + 1), count + 1),
@@ -78,14 +78,14 @@ with tempfile.TemporaryDirectory(prefix="isonest-fault-") as name:
                 if replacing:
                     assert output.read_bytes() == whole, place + "what was to be replaced is gone"
                 elif output.exists():
-                    # After the name come the folder's own sync and the report.
+                    # The folder is synced and the report printed after the output has its name.
                     assert output.read_bytes() == whole, place + "half written"
             left = sorted(p.name for p in folder.glob(".*"))
             assert not left, place + f"left {left}"
             output.write_bytes(whole)
         return refused
 
-    # The same volume in the ways that are read differently.
+    # The same volume in formats that are read in different ways.
     u = np.random.default_rng(1).integers(0, 255, (30, 35, 40)).astype(np.uint16)
     h5 = folder / "chunked.h5"
     with h5py.File(h5, "w") as file:
@@ -98,18 +98,18 @@ with tempfile.TemporaryDirectory(prefix="isonest-fault-") as name:
         command = ["preprocess", *source, "-o", store, "--chunk", "8", "--memory", "64M"]
         assert subprocess.run([isonest, *map(str, command), "--force"]).returncode == 0
         assert try_all(command, store, "pread64", "EIO", source[0]) > 3
-        assert try_all(command, store, "pread64", "ESTALE", source[0], most=1) > 0  # gone from its server
+        assert try_all(command, store, "pread64", "ESTALE", source[0], most=1) > 0  # deleted on its server
 
     writing = ["preprocess", h5, "-o", store, "--chunk", "8", "--memory", "64M"]
     assert try_all(writing, store, "pwrite64", "EIO") > 4
-    # HDF5 keeps small arrays back until they are closed: ranges of cubes, checksums, the chunk table.
+    # HDF5 writes small arrays when they are closed: ranges of cubes, checksums, the chunk table.
     assert try_all(writing, store, "pwrite64", "ENOSPC", last=30) >= 30
     assert try_all(writing, store, "fsync", "EIO") > 0
     assert try_all(writing, store, "fallocate", "ENOSPC") > 0
     assert try_all(writing, store, "/^rename", "EACCES") > 0
     try_all(writing, store, "flock", "ENOLCK")
 
-    # A server that is gone: what was written cannot be closed either.
+    # If the file server is gone, closing the written file fails as well.
     whole = store.read_bytes()
     loading = calls("close", None, ["--version"])
     closing = f"inject=close:error=ENOTCONN:when={loading + 1}+"
@@ -134,7 +134,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-fault-") as name:
         for call, error in (("pwrite64", "ENOSPC"), ("fsync", "EIO"), ("/^rename", "EROFS")):
             try_all(command, output, call, error)
 
-    # An input that is deleted while it is read: either the whole run saw it, or it is said.
+    # An input that is deleted while it is read: either the run had read all of it, or it reports an error.
     command = [isonest, *map(str, writing), "--force", "-q"]
     whole = store.read_bytes()
     copy = h5.read_bytes()

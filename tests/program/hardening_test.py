@@ -1,4 +1,5 @@
-"""What is built is hardened: position-independent, read-only relocations, no executable stack, guarded stacks, checked calls.
+"""Binaries are hardened: position-independent, read-only relocations, no executable stack, stack protection, checked
+calls.
 
 usage: hardening_test.py ISONEST PLUGIN_FOLDER
 """
@@ -47,7 +48,7 @@ class Hardening(unittest.TestCase):
 
     def test_stacks_are_guarded(self):
         for file in self.each():
-            if "h5zstd" not in file.name:  # may have no function with an array
+            if "h5zstd" not in file.name:  # possibly without any function with an array
                 self.assertIn("__stack_chk_fail", elf("--dyn-syms", file))
 
     def test_calls_of_the_c_library_are_checked(self):

@@ -1,7 +1,7 @@
-"""Killed at random moments, preprocess leaves no store or a whole one, and what it replaces survives; what
-it left is gone on with to the same bytes. The same for extract and its mesh.
+"""If preprocess is killed at a random moment, there is no store or a complete one, and the replaced one survives; a
+resumed run continues from the files that are left and gives the same bytes. The same for extract and its mesh.
 
-Usage: kill_test.py ISONEST PLUGIN_FOLDER     (ISONEST_KILLS=200 in the environment: that many kills)
+Usage: kill_test.py ISONEST PLUGIN_FOLDER     (ISONEST_KILLS=200 in the environment: number of kills)
 """
 import json
 import os
@@ -18,7 +18,8 @@ random.seed(7)
 
 
 def shortest(command):
-    """Seconds of the shortest of three runs: a slow first one would put most kills after the end."""
+    """Duration of the shortest of three runs in seconds: with that of a slow first run most kills would come too
+    late."""
     times = []
     for _ in range(3):
         start = time.monotonic()
@@ -41,7 +42,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-kill-") as name:
     killed = finished = warned = resumed = taken_over = 0
     for i in range(4 * kills):
         if i >= kills and taken_over > 0:
-            break  # on a busy machine, most are killed before there is anything to go on with
+            break  # on a busy machine most runs are killed before there is anything to continue from
         replacing = i % 2 == 1
         for old in folder.glob(".*"):
             old.unlink()
@@ -85,7 +86,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-kill-") as name:
     print(f"{killed} runs killed, {finished} finished first; no store was lost or half written; "
           f"{resumed} resumed to the same bytes, {taken_over} of them from work done before")
 
-    # A mesh, too, is there whole or not at all.
+    # A mesh, too, is complete or does not exist.
     done = run("preprocess", volume, "-o", store, "--chunk", "8", "--force", "-q")
     assert done.returncode == 0, done.stderr
     for end in ("ply", "vtkhdf"):

@@ -1,14 +1,13 @@
-"""The heap of every command stays within --memory, or the command says how much it needs at least.
+"""The heap of every command stays within --memory, or the command reports the minimum that it needs.
 
 Usage: memory_test.py ISONEST PLUGIN_FOLDER [inputs|CHUNK...]
 
-Without more, commands on stores of several chunk sizes: all of them on one, on the others those whose memory follows
-the chunk most. With chunk sizes: all commands, with every budget, on stores of these. inputs: what reads files of
-others, finds labels and draws pictures.
+Without further arguments, commands on stores of several chunk sizes: on one of them all commands, on the others those
+whose memory depends most on the chunk size. With chunk sizes: all commands, with every budget, on stores of these.
+inputs: commands that read other formats, search labels and draw pictures.
 
-For chunk sizes and budgets: either the peak of malloc'ed bytes (tools/bench/peak_heap.cpp) is at most
---memory, or the exit code is 7 with a message that names the least memory; with that one it works,
-and stays within it.
+For each chunk size and budget, either the peak of allocated bytes (tools/bench/peak_heap.cpp) is at most --memory, or
+the exit code is 7 with a message that names the minimum; with that minimum the command works and stays within it.
 """
 import gzip
 import itertools
@@ -37,7 +36,7 @@ HEAP = ISONEST.parent.parent / "tools" / "bench" / "libisonest_peak_heap.so"
 MIB = 1 << 20
 LIMIT = 7
 CHUNKS = [16, 64, 256]
-COMMON = 64  # the size on which all commands are tried
+COMMON = 64  # chunk size with which all commands are tried
 INPUTS = sys.argv[3:] == ["inputs"]
 ALL = [] if INPUTS else [int(chunk) for chunk in sys.argv[3:]]  # every command, with every budget
 BUDGETS = ["20M", "64M"]
@@ -65,7 +64,7 @@ def require(good, what):
 
 
 def must_stay_within(command, memory):
-    """Returns the least memory that the command names, or None if it worked."""
+    """Returns the minimum memory that the command reports, or None if it worked."""
     code, text, peak = run(*command, "--memory", memory)
     what = f"{' '.join(map(str, command))} --memory {memory}: exit {code}, heap {peak}, {text}"
     if code == LIMIT:
@@ -78,7 +77,7 @@ def must_stay_within(command, memory):
 
 
 def check(command, budgets):
-    # Nothing works in one byte, and what is named works.
+    # No command works with one byte, and each works with the reported minimum.
     least = must_stay_within(command, "1")
     require(least is not None, f"--memory 1 is accepted: {command}")
     for memory in [*budgets, *([least] if least else [])]:
@@ -94,7 +93,7 @@ def waves():
 
 
 def inputs(folder):
-    """Files of SIDE^3 bytes as Python's packages write them."""
+    """Files of SIDE^3 bytes as written by Python packages."""
     data = waves()
     stack = folder / "stack"
     stack.mkdir()
@@ -120,7 +119,7 @@ if not HEAP.exists() or run("info", "--help")[2] is None:
 
 
 def made_store(folder, name, *options):
-    """Of what make-volume makes of the options."""
+    """The store of a volume that make-volume generates with these options."""
     volume, store = folder / f"{name}.h5", folder / f"{name}.isonest"
     assert run("make-volume", *options, "-o", volume)[0] == 0
     assert run("preprocess", volume, "-o", store, "--memory", "2G")[0] == 0
@@ -128,7 +127,7 @@ def made_store(folder, name, *options):
 
 
 def check_chunks(folder, volume, chunk):
-    """The commands on a store of this chunk size."""
+    """All commands on a store of this chunk size."""
     mesh, store = folder / "m.ply", folder / f"{chunk}.isonest"
     check(["preprocess", volume, "-o", store, "--chunk", chunk, "--force"], ["48M"])
     assert run("preprocess", volume, "-o", store, "--chunk", chunk, "--force", "--memory", "2G")[0] == 0
@@ -148,6 +147,7 @@ def check_chunks(folder, volume, chunk):
             ["extract", store, "--iso", 0.5, "-o", folder / "m.3mf"],
             ["slice", store, "--plane", "1,2,3,300", "-o", mesh, "--error-relative", 0.1],
             ["export", store, "--field", "values", "-o", folder / "e.nrrd", "--force"],
+            ["export", store, "--field", "values", "-o", folder / "e.vti", "--force"],
             ["export", store, "--field", "lp:3", "-o", folder / "e.raw", "--force"],
             ["smooth", store, "--steps", 1, "--tau", 1, "--lambda", 0.1, "-o", folder / "u.raw", "--force"],
             ["info", store, "--histogram", "-o", folder / "h.svg"]]
@@ -156,7 +156,7 @@ def check_chunks(folder, volume, chunk):
     for threads, command in itertools.product([1, 8], [full, ["check", store]]):
         must_stay_within([*command, "--threads", threads], "200M")
     slow = [
-        ["extract", store, "--iso", 0.1, "-o", mesh, "--error-relative", 0.03, "--simplify", "--box",
+        ["extract", store, "--iso", 0.1, "-o", mesh, "--error-relative", 0.03, "--box",
          "10,10,10,70,60,60"],
         ["check", store, "--deep", "--source", volume],
         ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_bar", "--iso", 0.5],
@@ -167,7 +167,7 @@ def check_chunks(folder, volume, chunk):
 
 
 def check_volume(folder, volume):
-    """Surfaces without a store, on their way through temporary files."""
+    """Surfaces without a store, with their temporary files."""
     straight = ["extract", volume, "--iso", 0.5, "-o", folder / "m.ply"]
     for options in ([], ["--normals", "--components", "largest"], ["--distance", "0.5voxel", "--effort", "fast"]):
         check([*straight, *options], BUDGETS)
@@ -183,7 +183,7 @@ def check_smooth(folder, volume):
 
 
 def check_inputs(folder):
-    """Inputs of others, of eight times the memory, in chunks and pieces of many sizes."""
+    """Inputs in other formats, eight times as large as the memory, in chunks and pieces of many sizes."""
     for path, *options in inputs(folder):
         bytes_in = SIDE**3
         must_stay_within(["preprocess", path, "-o", folder / "input.isonest", "--chunk", 16, "--force", *options],
@@ -204,7 +204,7 @@ def check_labels(folder):
                         (["--smooth=3", "--close", "--format", "neuroglancer-multilod"], "levels")):
         if to == "levels" and "libdraco-dev" in run("extract", labels, "--labels", "1", "-o", folder / to, *options)[1]:
             continue  # this build has no Draco
-        # To look for labels takes less than to extract them.
+        # Searching labels takes less memory than extracting them.
         command = ["extract", labels, "--labels", "1-40", "-o", folder / to, *options]
         least = "1"
         for _ in range(3):
@@ -215,7 +215,7 @@ def check_labels(folder):
 
 
 def check_pictures(folder):
-    """Pictures in strips; the default memory draws the largest."""
+    """Pictures in strips; the default memory is enough for the largest."""
     mesh = folder / "ball.ply"
     noise = made_store(folder, "noise", "noise", "--size", "131,100,120")
     assert run("extract", made_store(folder, "ball", "sphere", "--size", 33), "--iso", 0.5, "-o", mesh)[0] == 0
@@ -227,7 +227,7 @@ def check_pictures(folder):
 
 
 def check_thin_study(folder):
-    """A study needs what there is, not the cube around it."""
+    """The memory of a study depends on the volume, not on the cube around it."""
     thin = made_store(folder, "thin", "noise", "--size", "1000,3,3")
     check(["study", thin, "-o", folder / "study", "--steps", 2], BUDGETS)
 

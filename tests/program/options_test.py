@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""No option is ignored: with every kind of input each one changes an output or the report, or is refused by its name.
+"""No option is ignored: with every kind of input each one changes an output or the report, or is refused by name.
 
 The options are those that --help lists, so one that is not in the tables below fails the test.
 
@@ -25,9 +25,9 @@ import numpy as np
 ISONEST = sys.argv[1]
 os.environ["HDF5_PLUGIN_PATH"] = sys.argv[2]
 
-# Of every command: how it runs, and how long it takes. The results do not depend on them.
+# Options of every command that affect how it runs and how long it takes, but not the results.
 PERFORMANCE = {"--memory", "--threads"}
-# Tested where what they do can be seen; the test named here has to speak of the option.
+# Tested where their effect can be seen; the named test must mention the option.
 ELSEWHERE = {
     ("preprocess", "--resume"): "tests/program/kill_test.py",
     **{("view", option): "tests/view/view_server_test.py"
@@ -37,11 +37,11 @@ ELSEWHERE = {
     **{("publish", option): "tests/publish/publish_check_test.py" for option in ("--check", "--origin")},
 }
 
-# Where a refusal names in words what the option asks for.
+# Refusals that describe the option in words.
 IN_WORDS = {
     "--graph": "graph", "--close": "closing", "--triangles": "number of triangles|no triangles", "--by": "number of triangles|no triangles",
-    "--simplify": "simplified", "--keep-analysis": "analys[ie]s", "--no-simplify": "nested grid|errors of a store", "--effort": "simplified fast",
-    "--view": "backfaces", "--cull-by": "backfaces", "--cells": "hexahedral", "--label": "labels?", "--labels": "labels?",
+    "--keep-analysis": "analys[ie]s", "--effort": "effort|simplified",
+    "--view": "backface", "--cull-by": "backface", "--cells": "hexahedral", "--label": "labels?", "--labels": "labels?",
     "--vertex-values": "vertex values|values at the vertices", "--vertex-error": "error at the vertices",
     "--color-by": "property", "--fields": "field", "--volume-interval": "interval|closing", "--min-volume": "closing|closed",
     "--source": "nodes", "--focus": "focus", "--falloff": "focus", "--camera": "camera", "--pixels": "camera",
@@ -54,22 +54,24 @@ IN_WORDS = {
 STORES = ("store", "plane store", "label store", "url of a store")
 VOLUMES = ("volume", "plane volume", "raw volume", "standard input", "url of a volume")
 
-# How a volume is read, wherever one is. An entry: the words of the option, and the words that it goes with.
+# Options for reading a volume, in every command that does. An entry: the words of the option, and the words required
+# with it.
 READING = {
     "--dataset": (["--dataset", "a"], []), "--series": (["--series", "1.2"], []), "--index": (["--index", "0"], []),
     "--crop": (["--crop", "1:9,:,:"], []), "--every": (["--every", "2"], []), "--dims": (["--dims", "5,4,3"], []),
     "--type": (["--type", "i2"], []), "--endian": (["--endian", "big"], []), "--offset": (["--offset", "4"], []),
     "--spacing": (["--spacing", "3,4,5"], []), "--origin": (["--origin", "7,8,9"], []), "--unit": (["--unit", "um"], []),
     "--frame": (["--frame", "ras"], []),
-    "--missing": (["--missing", "{missing}"], []),  # a value that all of them have
+    "--missing": (["--missing", "{missing}"], []),  # a value that occurs in all of them
 }
+KEEP = {"--keep-store": (["--keep-store", "{out}/kept.isonest"], [])}
 NETWORK = {"--header": (["--header", "X-Test: 1"], []), "--cache": (["--cache", "{out}/cache"], [])}
 COARSE = {
     "--error": (["--error", "20"], []), "--error-relative": (["--error-relative", "0.2"], []),
-    "--guarantee": (["--guarantee", "plus"], ["--error", "20"]), "--stop": (["--stop", "linf_bar"], []),
+    "--indicator": (["--indicator", "plus"], ["--error", "20"]), "--stop": (["--stop", "linf_bar"], []),
     "--threshold": (["--threshold", "20"], ["--stop", "linf_bar"]),
     "--threshold-relative": (["--threshold-relative", "0.2"], ["--stop", "linf_bar"]),
-    # Alone it is where the error holds, which the text says.
+    # Alone it is the place where the error holds, which the text states.
     "--focus": (["--focus", "0,0,0", "--falloff", "1"], ["--error", "5"]), "--falloff": (["--falloff", "1"], ["--error", "5", "--focus", "0,0,0"]),
     "--camera": (["--camera", "0,0,-90", "--pixels", "60"], []), "--pixels": (["--pixels", "300"], ["--camera", "0,0,-90"]),
     "--fov": (["--fov", "170"], ["--camera", "0,0,-90", "--pixels", "30"]),
@@ -80,15 +82,13 @@ OPTIONS = {
         "--output": None, "--labels": (["--labels"], []), "--label-names": (["--label-names", "{here}/names.txt"], ["--labels"]),
         "--chunk": (["--chunk", "8"], []), "--compression": (["--compression", "9"], []),
         "--indicators": (["--indicators", "l1_bar"], []), "--exact": (["--exact"], []), "--force": "existing"},
-    "extract": {**READING, **NETWORK, **COARSE,
+    "extract": {**READING, **KEEP, **NETWORK, **COARSE,
         "--output": None, "--iso": (["--iso", "60"], []), "--graph": "graph", "--components": (["--components", "1"], []),
         "--min-component": (["--min-component", "1000"], []), "--min-volume": (["--min-volume", "500"], ["--close"]),
         "--close": (["--close"], []), "--volume-interval": (["--volume-interval"], ["--close", "--error", "5"]),
         "--scale": (["--scale", "3"], ["--graph"]), "--distance": (["--distance", "0.5voxel"], []),
         "--triangles": (["--triangles", "100"], []), "--by": (["--by", "error"], ["--triangles", "100"]),
-        "--simplify": (["--simplify"], ["--error", "20"]),
         "--keep-analysis": (["--keep-analysis={out}"], ["--distance", "0.5voxel"]),
-        "--no-simplify": (["--no-simplify"], ["--distance", "0.5voxel"]),
         "--effort": (["--effort", "fast"], ["--distance", "0.5voxel"]), "--bound": (["--bound", "linf_plus"], []),
         "--view": (["--view", "1,0,0"], ["--error", "5"]),
         "--cull-by": (["--cull-by", "grad_linf_plus"], ["--error", "5", "--view", "1,0,0"]),
@@ -99,7 +99,7 @@ OPTIONS = {
         "--vertex-error": (["--vertex-error", "deviation_bar"], []), "--quality": (["--quality"], []),
         "--space": (["--space", "lps"], []),
         "--over": (["--over", "precomputed"], ["--labels", "1", "--smooth", "--format", "neuroglancer"])},
-    "slice": {**NETWORK, **COARSE,
+    "slice": {**READING, **KEEP, **NETWORK, **COARSE,
         "--output": None, "--plane": (["--plane", "1,2,3,24"], []), "--cells": (["--cells", "hex"], []),
         "--normals": (["--normals"], []), "--vertex-error": (["--vertex-error", "deviation_bar"], []),
         "--size": (["--size", "100x90"], []), "--colors": (["--colors", "gray"], []), "--plain": (["--plain"], []),
@@ -113,7 +113,7 @@ OPTIONS = {
         "--sigma": (["--sigma", "0"], []), "--threshold": (["--threshold", "5"], []), "--snapshots": (["--snapshots", "0"], []),
         "--grid": (["--grid", "{out}/grid.nrrd"], []), "--colors": (["--colors", "gray"], []),
         "--size": (["--size", "100x90"], []), "--force": "existing"},
-    "info": {**NETWORK, "--histogram": (["--histogram"], []), "--level": (["--level", "1"], ["--histogram"]),
+    "info": {**READING, **KEEP, **NETWORK, "--labels": (["--labels"], []), "--histogram": (["--histogram"], []), "--level": (["--level", "1"], ["--histogram"]),
              "--output": (["-o", "{out}/h.svg"], ["--histogram"])},
     "export": {**NETWORK, "--field": (["--field", "linf_bar"], []), "--level": (["--level", "2"], []), "--output": None,
                "--force": "existing"},
@@ -125,15 +125,15 @@ OPTIONS = {
                 "--turntable": (["--turntable", "2"], []), "--wireframe": (["--wireframe"], []), "--flat": (["--flat"], []),
                 "--plain": (["--plain"], []), "--color-by": (["--color-by", "error"], []), "--colors": (["--colors", "gray"], []),
                 "--range": (["--range", "1,2"], []), "--color": (["--color", "9,99,9"], [])},
-    "view": {**NETWORK}, "publish": {"--output": None},
+    "view": {**READING, **KEEP, **NETWORK}, "publish": {"--output": None},
 }
 # Kinds of input of each command; the words that make it run, and its output.
 KINDS = {
     "preprocess": VOLUMES + ("label volume",), "extract": STORES + VOLUMES,
-    "slice": STORES + ("store as a mesh", "store as lines"), "study": STORES,
+    "slice": STORES + ("store as a mesh", "store as lines", "volume", "raw volume"), "study": STORES,
     "smooth": ("store", "plane store", "label store", "url of a store", "volume", "plane volume", "raw volume",
                "url of a volume"),
-    "info": STORES, "export": STORES, "check": STORES, "make-volume": ("noise", "sphere", "bucky", "marschner-lobb",
+    "info": STORES + ("volume", "plane volume", "raw volume", "url of a volume"), "export": STORES, "check": STORES, "make-volume": ("noise", "sphere", "bucky", "marschner-lobb",
                                                                         "cahn-hilliard"),
     "picture": ("mesh with values", "mesh without values"), "view": ("store",), "publish": (),
 }
@@ -168,7 +168,7 @@ def options_of(command):
 
 
 def steady(value, out):
-    """A report without what differs from run to run."""
+    """A report without the fields that vary between runs."""
     if isinstance(value, dict):
         return {key: steady(entry, out) for key, entry in value.items()
                 if "seconds" not in key and key not in ("remote", "peak_cache_bytes")}
@@ -185,7 +185,7 @@ class Options(unittest.TestCase):
         here = cls.here = pathlib.Path(folder.name)
         z, y, x = np.mgrid[0:14, 0:15, 0:17].astype("f4")
         data = 100 - 9 * np.hypot(np.hypot(x - 7, y - 7), z - 6) + 3 * np.sin(2 * x + y) * np.cos(3 * z)
-        data[np.hypot(np.hypot(x - 16, y - 14), z - 13) < 1.5] = 99  # another piece
+        data[np.hypot(np.hypot(x - 16, y - 14), z - 13) < 1.5] = 99  # another component
         data = np.round(data)
         header = "NRRD0004\ntype: float\ndimension: 3\nsizes: 17 15 14\nendian: little\nencoding: raw\n\n"
         (here / "volume.nrrd").write_bytes(header.encode() + data.astype("<f4").tobytes())
@@ -204,7 +204,7 @@ class Options(unittest.TestCase):
         cls.addClassCleanup(cls.server.__exit__, None, None, None)
 
     def input_of(self, kind):
-        """The words for an input, and the file that comes by standard input."""
+        """The words for an input, and the file for standard input."""
         files = {"store as a mesh": "store.isonest", "store as lines": "store.isonest", "store": "store.isonest", "plane store": "plane.isonest", "label store": "labels.isonest",
                  "volume": "volume.nrrd", "plane volume": "plane.npy", "label volume": "labels.npy",
                  "mesh with values": "valued.ply", "mesh without values": "plain.ply"}
@@ -217,10 +217,10 @@ class Options(unittest.TestCase):
         return [self.here / files[kind] if kind in files else kind], None
 
     def outcome(self, command, kind, words, existing=False):
-        """Exit code, what it said on stderr, and all that came out."""
+        """The exit code, the text on stderr, and all outputs."""
         first, stdin = self.input_of(kind)
         given = {word for word in words if word.startswith("--")}
-        if given & {"--dims", "--type"} and kind == "raw volume":  # an option is given once
+        if given & {"--dims", "--type"} and kind == "raw volume":  # an option is given only once
             for option in given & {"--dims", "--type"}:
                 at = first.index(option)
                 first = first[:at] + first[at + 2:]
@@ -237,10 +237,10 @@ class Options(unittest.TestCase):
             out = pathlib.Path(name)
             source = {"plane store": "plane.npy", "label store": "labels.npy"}.get(kind, "volume.nrrd")
             missing = "1" if "label" in kind else "37"
-            words = [word.format(out=out, here=self.here, missing=missing, source=self.here / source, cells="tet" if kind in VOLUMES else "hex")
+            words = [word.format(out=out, here=self.here, missing=missing, source=self.here / source, cells="hex" if "plane" in kind else "tet")
                      for word in words]
             to = out / OUTPUTS[command]
-            if command == "extract" and kind == "plane store" and "--graph" not in given:
+            if command == "extract" and kind in ("plane store", "plane volume") and "--graph" not in given:
                 to = out / "o.vtp"
             if kind.startswith("store as"):
                 to = out / ("o.vtp" if kind == "store as lines" else "o.ply")
@@ -296,12 +296,12 @@ class Options(unittest.TestCase):
                             results[key] = self.outcome(command, kind, companions, existing)
                         before = results[key]
                         after = self.outcome(command, kind, companions + words, existing)
-                        if after[0] == 0 or (command, after[0]) == ("check", 4):  # 4: something is wrong
+                        if after[0] == 0 or (command, after[0]) == ("check", 4):  # 4: a finding
                             same = before[0] == after[0] and before[2] == after[2]
                             if option == "--header" and "url" in kind:
-                                continue  # what the server got: tests/remote/url_credentials_test.py
+                                continue  # what the server received: tests/remote/url_credentials_test.py
                             self.assertFalse(same, f"{option} is ignored")
-                        elif code == 0 and (before[0] == 0 or before[1] != after[1]):  # else nothing is done
+                        elif code == 0 and (before[0] == 0 or before[1] != after[1]):  # otherwise it does nothing
                             named = [word.split("=")[0] for word in companions + words if word.startswith("--")]
                             said = [rf"{word}(?![a-z-])" for word in named] + [IN_WORDS[word] for word in named if word in IN_WORDS]
                             self.assertRegex(after[1], "|".join(said))

@@ -1,7 +1,7 @@
-"""What an output may replace, for every command that writes; and that a run which is stopped leaves nothing, or
-what the next run for the same output names.
+"""What an output may replace, for every command that writes; and that an interrupted run leaves no file, or only files
+that the next run for the same output names.
 
-Usage: outputs_test.py ISONEST PLUGIN_FOLDER     (ISONEST_KILLS=200 in the environment: that many signals)
+Usage: outputs_test.py ISONEST PLUGIN_FOLDER     (ISONEST_KILLS=200 in the environment: number of signals)
 """
 import json
 import os
@@ -113,7 +113,7 @@ class Outputs(unittest.TestCase):
         self.assertTrue(stat.S_ISREG(output.lstat().st_mode))
 
     def refused(self, case, output, words, force=True):
-        """With a message, at once, and all is as it was."""
+        """Refused immediately with a message, and all files are unchanged."""
         before = sorted(os.listdir(self.folder))
         status = output.lstat() if os.path.lexists(output) else None
         done = served.run(case.command(output, force), capture_output=True, timeout=20)
@@ -171,13 +171,13 @@ class Outputs(unittest.TestCase):
         for case, output in self.each():
             os.mkfifo(output)
             for force in (False, True):
-                self.refused(case, output, "is a FIFO, and only regular files", force)
+                self.refused(case, output, "is a FIFO; only regular files", force)
 
     def test_a_socket_is_refused(self):
         for case, output in self.each():
             with socket.socket(socket.AF_UNIX) as end:
                 end.bind(str(output))
-                self.refused(case, output, "is a socket, and only regular files")
+                self.refused(case, output, "is a socket; only regular files")
 
     @unittest.skipUnless(os.geteuid() == 0, "making devices needs root")
     def test_a_device_is_refused(self):
@@ -186,7 +186,7 @@ class Outputs(unittest.TestCase):
                 os.mknod(output, stat.S_IFCHR | 0o666, os.makedev(1, 3))
             except PermissionError:
                 self.skipTest("making devices is not allowed here")
-            self.refused(case, output, "is a device, and only regular files")
+            self.refused(case, output, "is a device; only regular files")
 
     def test_a_link_is_refused_and_what_it_leads_to_stays(self):
         with tempfile.NamedTemporaryFile(dir=self.here) as precious:
@@ -194,14 +194,14 @@ class Outputs(unittest.TestCase):
             precious.flush()
             for case, output in self.each():
                 output.symlink_to(precious.name)
-                self.refused(case, output, "is a link to .*, and only regular files")
+                self.refused(case, output, "is a link to .*; only regular files")
                 self.assertEqual(pathlib.Path(precious.name).read_bytes(), b"precious")
 
     def test_a_link_that_leads_nowhere_is_refused_at_the_start(self):
         for case, output in self.each():
             output.symlink_to(self.folder / "nothing")
             for force in (False, True):
-                self.refused(case, output, "is a link to .*, where there is nothing", force)
+                self.refused(case, output, "is a broken link to ", force)
 
     def test_a_folder_is_refused(self):
         for case, output in self.each():
@@ -213,10 +213,10 @@ class Outputs(unittest.TestCase):
             for source in case.inputs:
                 for make in (os.link, os.symlink):
                     make(source, output)
-                    self.refused(case, output, "is read, and would be lost")
+                    self.refused(case, output, "is an input and cannot also be the output")
                     output.unlink()
                 if not case.folder:
-                    # By its own name, as far as the command takes the name's ending.
+                    # By its own name, if the command accepts its extension.
                     done = served.run(case.command(source), capture_output=True, timeout=20)
                     self.assertEqual(done.returncode, 2, done.stderr)
                     self.assertEqual(source.read_bytes(), self.kept[source])
@@ -271,7 +271,7 @@ class Outputs(unittest.TestCase):
 class Stopped(unittest.TestCase):
     """Runs that are ended by signals at random moments."""
 
-    whole_runs = {}  # of each case: the seconds of a run that is not stopped, and the bytes of its output
+    whole_runs = {}  # of each case: the duration of an uninterrupted run in seconds, and the bytes of its output
 
     @classmethod
     def setUpClass(cls):
@@ -305,7 +305,7 @@ class Stopped(unittest.TestCase):
             Case("study", "study.csv", ["study", store, "--steps", "4"], [], folder=True)]
 
     def stop(self, number):
-        """Each command, ended by this signal at random moments; yields what is left."""
+        """Ends each command by this signal at random moments; yields what is left."""
         for case in self.cases:
             with tempfile.TemporaryDirectory(dir=self.here) as name, self.subTest(case.name):
                 folder = pathlib.Path(name) / "f"
@@ -324,7 +324,7 @@ class Stopped(unittest.TestCase):
                     if not case.folder:
                         folder.mkdir()
                     process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-                    # Before its first line, a program has no say in what a signal does to it.
+                    # Before main() a program cannot influence what a signal does.
                     time.sleep(random.uniform(0.02, max(0.03, 1.1 * seconds)))
                     process.send_signal(number)
                     codes.append(process.wait(timeout=120))
@@ -337,10 +337,10 @@ class Stopped(unittest.TestCase):
         stopped = stopped_before = 0
         for number in (signal.SIGHUP, signal.SIGTERM, signal.SIGINT, signal.SIGPIPE, signal.SIGXCPU):
             for case, folder, _, code, left in self.stop(number):
-                # A signal that comes while the program is loaded ends it the hard way.
+                # A signal during loading kills the program.
                 self.assertIn(code, (0, 130, -number), case.name)
                 self.assertEqual(left, [], (case.name, number))
-                # A signal may come when the output has its name already: it is whole then, as stop() asserts.
+                # If the signal comes after the output got its name, the output is complete, as stop() asserts.
                 if code != 0 and not (folder / case.output).exists():
                     self.assertFalse(case.folder and folder.exists())
                     stopped_before += 1
@@ -363,7 +363,7 @@ class Stopped(unittest.TestCase):
         self.assertGreater(named, 3)
 
     def over(self):
-        """The id of a process that is over."""
+        """The id of a process that has ended."""
         process = subprocess.Popen(["true"])
         process.wait()
         return process.pid
@@ -374,7 +374,7 @@ class Stopped(unittest.TestCase):
                 output = pathlib.Path(name) / case.output
                 pid = self.over()
                 prefix = f".{case.output}.partial-{pid}"
-                # The last: killed between a store's name and the removal of what served to make it.
+                # The last: killed between naming the store and removing the files that were used to make it.
                 for end in ("", "-2", ".ply", f".ply.partial-{pid}", "-3.journal", "-3.centres"):
                     (output.parent / (prefix + end)).write_text("x")
                 (output.parent / f".isonest-scratch-{pid}-abcdef").write_text("x")

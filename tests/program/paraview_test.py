@@ -79,11 +79,9 @@ with tempfile.TemporaryDirectory(prefix="isonest-test-") as name:
         assert done.returncode == 0, (arguments, done.stderr)
         return done.stdout
 
-    said = run("preprocess", folder / "v.npy", "-o", folder / "v.isonest", "--chunk", 8, "--spacing", "0.5,1,2",
-               "--origin", "3,4,5", "--indicators", "deviation_bar")
-    assert ".hdf" in said and "ParaView" in said, said
-    said = run("preprocess", folder / "v.npy", "-o", folder / "v.hdf", "--chunk", 8)
-    assert "ParaView 5.12" not in said, said
+    run("preprocess", folder / "v.npy", "-o", folder / "v.isonest", "--chunk", 8, "--spacing", "0.5,1,2",
+        "--origin", "3,4,5", "--indicators", "deviation_bar")
+    run("preprocess", folder / "v.npy", "-o", folder / "v.hdf", "--chunk", 8)
 
     def triangles(*options):
         out = run("extract", folder / "v.isonest", "--iso", 30.5, "-o", folder / "m.ply", *options)

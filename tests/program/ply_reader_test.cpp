@@ -1,4 +1,4 @@
-// PLY files that lie, and the ones that tools of other people write.
+// PLY files with false headers, and files as other programs write them.
 #include "tools/drawing/input/ply_reader.h"
 
 #include <catch2/catch.hpp>
@@ -36,7 +36,7 @@ std::string face(std::initializer_list<std::int32_t> corners) {
 }
 const std::string quad_faces = face({0, 1, 2}) + face({0, 2, 3});
 
-/// Reads all of the mesh; the kind of the failure, if any.
+/// Reads the whole mesh; returns the kind of the failure, if any.
 std::optional<ErrorKind> failure_of(const std::string& bytes, std::string* message = nullptr) {
     const TemporaryFolder folder;
     const auto path = folder / "mesh.ply";
@@ -69,7 +69,7 @@ std::string replaced(std::string text, const std::string& from, const std::strin
 
 }  // namespace
 
-TEST_CASE("a mesh as isonest writes it comes back") {
+TEST_CASE("a mesh written by isonest is read back unchanged") {
     const TemporaryFolder folder;
     std::ofstream(folder / "mesh.ply", std::ios::binary)
         << quad_header << quad_vertices << quad_faces;
@@ -100,12 +100,12 @@ TEST_CASE("doubles, other properties, uint indices, later elements and CRLF are 
     CHECK(mesh.triangle(0) == std::array<std::uint32_t, 3>{2, 1, 0});
 }
 
-TEST_CASE("a mesh without vertices and triangles is a mesh") {
+TEST_CASE("a mesh without vertices and triangles is valid") {
     CHECK_FALSE(failure_of(ply_line + "element vertex 0\n" + xyz_lines + "element face 0\n" +
                            list_line + "end_header\n"));
 }
 
-TEST_CASE("a file cut anywhere, or longer, is corrupt") {
+TEST_CASE("a truncated file, or one with additional bytes, is corrupt") {
     const std::string whole = quad_header + quad_vertices + quad_faces;
     REQUIRE_FALSE(failure_of(whole));
     for (std::size_t size = 0; size < whole.size(); ++size) {
@@ -115,7 +115,7 @@ TEST_CASE("a file cut anywhere, or longer, is corrupt") {
     CHECK(failure_of(whole + '\0') == ErrorKind::corrupt);
 }
 
-TEST_CASE("counts that no file can hold are corrupt, not allocated") {
+TEST_CASE("counts that do not fit into the file are corrupt, without a large allocation") {
     const std::string whole = quad_header + quad_vertices + quad_faces;
     for (const char* count :
          {"5", "3", "4294967296", "1537228672809129302", "18446744073709551615",
@@ -130,7 +130,7 @@ TEST_CASE("counts that no file can hold are corrupt, not allocated") {
     }
 }
 
-TEST_CASE("indices outside the vertices name the face") {
+TEST_CASE("for indices beyond the vertices the message names the face") {
     std::string message;
     CHECK(failure_of(quad_header + quad_vertices + face({0, 1, 2}) + face({0, 4, 3}), &message) ==
           ErrorKind::corrupt);
@@ -140,7 +140,7 @@ TEST_CASE("indices outside the vertices name the face") {
     CHECK(message.find("face 0: names vertex -1") != std::string::npos);
 }
 
-TEST_CASE("other corner counts of the same length are refused") {
+TEST_CASE("corner counts other than 3 are refused in a file of the right size") {
     std::string faces = quad_faces;
     faces[0] = 4;
     CHECK(failure_of(quad_header + quad_vertices + faces) == ErrorKind::unsupported);
@@ -148,7 +148,7 @@ TEST_CASE("other corner counts of the same length are refused") {
     CHECK(failure_of(quad_header + quad_vertices + faces) == ErrorKind::unsupported);
 }
 
-TEST_CASE("coordinates that are not finite name the vertex") {
+TEST_CASE("for coordinates that are not finite the message names the vertex") {
     std::string vertices = quad_vertices;
     const float nan = std::numeric_limits<float>::quiet_NaN();
     vertices.replace(12, 4, bytes_of<float>({nan}));
@@ -157,7 +157,7 @@ TEST_CASE("coordinates that are not finite name the vertex") {
     CHECK(message.find("vertex 1") != std::string::npos);
 }
 
-TEST_CASE("headers that are no isonest mesh are refused with the line") {
+TEST_CASE("unsupported headers are refused, and the message names the line") {
     const std::string data = quad_vertices + quad_faces;
     const std::vector<std::array<const char*, 2>> changes{
         {"binary_little_endian", "binary_big_endian"},
@@ -190,7 +190,7 @@ TEST_CASE("headers that are no isonest mesh are refused with the line") {
     CHECK(failure_of("ply\n" + std::string(200'000, 'c')) == ErrorKind::corrupt);
 }
 
-TEST_CASE("a mesh that is not there is not found") {
+TEST_CASE("a missing mesh file is reported as not found") {
     const TemporaryFolder folder;
     try {
         const PlyMesh mesh(folder / "none.ply");
@@ -200,7 +200,7 @@ TEST_CASE("a mesh that is not there is not found") {
     }
 }
 
-TEST_CASE("a value that is a double is read as one") {
+TEST_CASE("a value stored as double is read as double") {
     const TemporaryFolder folder;
     const auto path = folder / "mesh.ply";
     std::ofstream(path, std::ios::binary)

@@ -1,5 +1,5 @@
-// Every remedy of the library has a name and a text, in a command that has the option and in one
-// that has not; no text names an option that the command has not.
+// Every remedy of the library has a name and a text, in commands that have the option and in those
+// that do not; no text names an option that the command does not have.
 #include "tools/cli/terminal/remedies.h"
 
 #include <catch2/catch.hpp>
@@ -21,7 +21,7 @@ bool has_none(const std::string& /*option*/) {
 
 }  // namespace
 
-TEST_CASE("every remedy has a name of its own and a text for every command") {
+TEST_CASE("every remedy has a unique name and a text for every command") {
     std::set<std::string> names;
     const int last = static_cast<int>(RemedyKind::download);
     for (int i = 0; i <= last; ++i) {
@@ -36,7 +36,7 @@ TEST_CASE("every remedy has a name of its own and a text for every command") {
     CHECK(names.size() == static_cast<std::size_t>(last) + 1);
 }
 
-TEST_CASE("a remedy names an option only where the command has it") {
+TEST_CASE("a remedy names an option only if the command has it") {
     for (const RemedyKind kind :
          {RemedyKind::replace_existing, RemedyKind::choose_dataset, RemedyKind::describe_numbers,
           RemedyKind::more_memory, RemedyKind::fewer_threads, RemedyKind::resume,
@@ -48,7 +48,7 @@ TEST_CASE("a remedy names an option only where the command has it") {
     }
 }
 
-TEST_CASE("values become what the option takes") {
+TEST_CASE("values are formatted as the option accepts them") {
     const auto text = [](RemedyKind kind, const char* value) {
         return text_of({kind, value}, has_all);
     };
@@ -62,7 +62,8 @@ TEST_CASE("values become what the option takes") {
           "preprocess the volume again with --indicators linf_bar,linf_plus");
 }
 
-TEST_CASE("a message is place, problem and remedies; its object has them apart") {
+TEST_CASE(
+    "a message consists of place, problem and remedies; its JSON object has them separately") {
     const Error error(ErrorKind::corrupt, {"s.isonest", "level 2, values, chunk 0 0 1"}, "damaged",
                       {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
     CHECK(std::string(error.what()) == "s.isonest: level 2, values, chunk 0 0 1: damaged");

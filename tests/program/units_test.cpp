@@ -1,4 +1,4 @@
-// The command line's numbers: what is taken, what is refused, and how it reads.
+// Numbers on the command line: what is accepted, what is refused, and how numbers are printed.
 #include "tools/cli/options/units.h"
 
 #include <catch2/catch.hpp>
@@ -8,15 +8,14 @@
 
 #include <isonest/error.h>
 
-#include "tools/cli/terminal/help_format.h"
-#include "tools/cli/terminal/suggestions.h"
 #include "tools/cli/terminal/terminal_progress.h"
+#include "tools/cli/terminal/terminal_text.h"
 
 using namespace isonest;
 using namespace isonest::detail;
 using namespace isonest::detail::cli;
 
-TEST_CASE("sizes take units of 1024") {
+TEST_CASE("sizes have units of powers of 1024") {
     const std::vector<std::pair<const char*, std::uint64_t>> cases{
         {"0", 0},
         {"4096", 4096},
@@ -34,7 +33,7 @@ TEST_CASE("sizes take units of 1024") {
     }
 }
 
-TEST_CASE("what is no size is refused by name") {
+TEST_CASE("an invalid size is refused, and the message names the option") {
     for (const char* text : {"", "M", "-1M", "1X", "1Mi", "1MM", "nan", "inf", "1e30", "1.5",
                              "0x10", "5 0", "1M ", "99999999T"}) {
         CAPTURE(text);
@@ -48,7 +47,7 @@ TEST_CASE("what is no size is refused by name") {
     }
 }
 
-TEST_CASE("numbers are finite and whole texts") {
+TEST_CASE("numbers are finite, and the whole text is parsed") {
     CHECK(parse_number("--iso", "-5") == -5);
     CHECK(parse_number("--iso", "+1e-3") == 1e-3);
     CHECK(parse_number("--iso", "0.1") == 0.1);
@@ -63,7 +62,7 @@ TEST_CASE("numbers are finite and whole texts") {
     }
 }
 
-TEST_CASE("triples and sizes in pixels have exactly their parts") {
+TEST_CASE("triples and pixel sizes have the exact number of parts") {
     CHECK(parse_double3("--spacing", "1,0.5,2e3") == Double3{1, 0.5, 2000});
     CHECK(parse_int3("--dims", "1,2,3", 10) == Int3{1, 2, 3});
     CHECK(parse_size("--size", "800x600", 4096) == std::vector<int>{800, 600});
@@ -80,7 +79,7 @@ TEST_CASE("triples and sizes in pixels have exactly their parts") {
     }
 }
 
-TEST_CASE("amounts read in three digits") {
+TEST_CASE("amounts are printed with three digits") {
     CHECK(human_bytes(0) == "0 B");
     CHECK(human_bytes(999) == "999 B");
     CHECK(human_bytes(1234567) == "1.23 MB");
@@ -92,19 +91,21 @@ TEST_CASE("amounts read in three digits") {
     CHECK(human_seconds(3725) == "1:02:05");
 }
 
-TEST_CASE("a progress line tells phase, percent, rate and remaining time, and fits the terminal") {
+TEST_CASE(
+    "a progress line shows phase, percentage, rate and remaining time, and fits into the "
+    "terminal") {
     ProgressState state{"levels 0-2", "B", 250'000'000, 1'000'000'000, 2};
     CHECK(progress_line(state, 80) == "levels 0-2        25 %   125 MB/s   6.0 s left");
     CHECK(progress_line(state, 15).size() == 14);
     state.seconds = 0.1;  // too early for a rate
     CHECK(progress_line(state, 80) == "levels 0-2        25 %");
-    state = {"traverse", "bricks", 50, 0, 10};  // the total is unknown
+    state = {"traverse", "bricks", 50, 0, 10};  // unknown total
     CHECK(progress_line(state, 80) == "traverse           5 bricks/s");
-    state = {"write mesh", "triangles", 12, 10, 10};  // never more than all, no negative time
+    state = {"write mesh", "triangles", 12, 10, 10};  // at most 100 %, no negative time
     CHECK(progress_line(state, 80) == "write mesh       100 %   1 triangles/s");
 }
 
-TEST_CASE("the bar of a run counts its stages, and never goes back") {
+TEST_CASE("the progress bar of a run includes its stages, and never moves back") {
     WholeProgress run({{"copy", "copying", 1}, {"read", "reading", 2}, {"write", "writing", 1}});
     CHECK(run.begin("read")->words == "reading");  // nothing is copied this time
     CHECK(run.at(0) == 0);
@@ -125,7 +126,7 @@ TEST_CASE("the bar of a run counts its stages, and never goes back") {
           "[##########----------]  50 %  reading   125 B/s   6.0 s left");
 }
 
-TEST_CASE("a mistyped name is near the one that was meant, others are near none") {
+TEST_CASE("the nearest name is found for a typing error, and none for other texts") {
     const std::vector<std::string> names{"--error", "--error-relative", "--iso", "--output"};
     CHECK(nearest_name("--eror", names) == "--error");
     CHECK(nearest_name("--error-rel", names) == "--error-relative");
@@ -143,7 +144,7 @@ TEST_CASE("help is wrapped between words") {
     CHECK(wrapped("a\nb\n\nc", 0, 0) == "a b\n\nc");
 }
 
-TEST_CASE("a range is written with the digits that tell its ends apart") {
+TEST_CASE("a range is printed with enough digits to distinguish its ends") {
     CHECK(human_range(0, 255) == "0 to 255");
     CHECK(human_range(-1.98695969581604, 3.0251314640045166) == "-1.98696 to 3.02513");
     CHECK(human_range(1e9, 1e9 + 3) == "1000000000 to 1000000003");

@@ -1,4 +1,4 @@
-"""`isonest publish --check`: what it finds of servers that answer rightly, and of those that do one thing wrong.
+"""`isonest publish --check`: what it reports for correct servers, and for servers with one fault.
 
 usage: publish_check_test.py ISONEST PLUGIN_FOLDER
 """
@@ -150,7 +150,7 @@ class Store(unittest.TestCase):
 
 
 class Site(unittest.TestCase):
-    """A page with the list of its stores, as far as a server is looked at."""
+    """A page with the list of its stores: the checks that concern the server."""
 
     def test_types(self):
         types = {".wasm": "application/wasm", ".mjs": "text/javascript; charset=utf-8", ".js": "application/javascript"}

@@ -1,4 +1,4 @@
-"""`isonest publish`: what the folder holds, that it appears whole or not at all, and what is refused.
+"""`isonest publish`: the content of the folder, that it appears completely or not at all, and what is refused.
 
 usage: publish_test.py ISONEST PLUGIN_FOLDER
 """
@@ -115,7 +115,7 @@ class Publish(unittest.TestCase):
             link = f"https://example.org/s.isonest?a=1&{name}=hidden123"
             text = run("publish", self.store, "-o", self.site, "--force", "--link", link, code=2)
             self.assertNotIn("hidden123", text)
-            self.assertIn("everybody could read it", text)
+            self.assertIn("everybody could read", text)
         for query in ("version=3", "key=data/s.isonest", "key=s.isonest", "token=", "response-content-type=x", "keys=7", "tokens=1"):
             run("publish", self.store, "-o", self.site, "--force", "--link", f"https://example.org/s?{query}")
         run("publish", self.store, self.other, "-o", self.site, "--force", "--link", "https://example.org/s.isonest", code=2)
@@ -124,7 +124,7 @@ class Publish(unittest.TestCase):
     def test_what_is_replaced(self):
         self.site.mkdir()
         self.assertIn("exists", run("publish", self.store, "-o", self.site, code=2))
-        self.assertIn("did not make", run("publish", self.store, "-o", self.site, "--force", code=2))
+        self.assertIn("did not create", run("publish", self.store, "-o", self.site, "--force", code=2))
         self.site.rmdir()
         run("publish", self.store, "-o", self.site)
         self.assertIn("--force", run("publish", self.store, "-o", self.site, code=2))
@@ -138,7 +138,7 @@ class Publish(unittest.TestCase):
         self.assertTrue(inside.exists())
         link = self.folder / "link"
         link.symlink_to(self.site)
-        self.assertIn("no folder", run("publish", self.store, "-o", link, "--force", code=2))
+        self.assertIn("not a folder", run("publish", self.store, "-o", link, "--force", code=2))
         link.unlink()
         run("publish", self.store, "-o", self.folder / "nowhere" / "site", code=3)
 
@@ -148,7 +148,7 @@ class Publish(unittest.TestCase):
         text = run("publish", old, "-o", self.site, code=5)
         self.assertIn("preprocess the volume again", text)
         self.assertFalse(self.site.exists())
-        run("publish", self.folder / "v.h5", "-o", self.site, code=4)
+        run("publish", self.folder / "v.h5", "-o", self.site, code=2)
         run("publish", "-o", self.site, code=2)
         self.assertFalse(self.site.exists())
 
@@ -183,7 +183,7 @@ class Publish(unittest.TestCase):
             time.sleep(wait)
             process.send_signal(signal.SIGINT)
             code = process.wait(60)
-            self.assertIn(code, (0, 130, -signal.SIGINT))  # it may have come before the program listens
+            self.assertIn(code, (0, 130, -signal.SIGINT))  # it may have come before the program installed its handler
             stopped += code == 130
             self.assertEqual(self.site.exists(), code == 0)
             self.assertEqual([path.name for path in self.folder.iterdir() if path.name.startswith(".")], [])

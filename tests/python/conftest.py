@@ -1,10 +1,10 @@
-"""What the tests of the Python package share."""
+"""Shared by the tests of the Python package."""
 import numpy as np
 import pytest
 
 
 def ball(shape, radius, dtype=np.float32, spacing=(1, 1, 1)):
-    """radius less the distance from the middle: the surface 0 is a sphere, values within are larger."""
+    """radius minus the distance from the middle: the surface at 0 is a sphere, values inside are larger."""
     axes = np.meshgrid(*[(np.arange(n) - (n - 1) / 2) * s for n, s in zip(shape, spacing)], indexing="ij")
     return (radius - np.sqrt(sum(a * a for a in axes))).astype(dtype)
 
@@ -31,7 +31,7 @@ def store_path(tmp_path):
 
 @pytest.fixture(scope="session")
 def noise():
-    """Smooth enough to have a surface of few pieces, with different numbers of nodes on each axis."""
+    """Smooth enough for a surface of few components, with different numbers of nodes along each axis."""
     rng = np.random.default_rng(1)
     z, y, x = np.mgrid[:40, :33, :27] / 8.0
     field = sum(np.sin(z * a + p) * np.cos(y * b + q) + np.sin(x * c + r)

@@ -1,4 +1,4 @@
-"""What goes in comes out again, bit by bit: values() of a store beside the array that it was made from."""
+"""Arrays are stored unchanged: values() of a store compared bit by bit with the original array."""
 import subprocess
 import sys
 import textwrap
@@ -13,7 +13,7 @@ SHAPE = (19, 35, 70)
 
 
 def numbers(dtype, shape=SHAPE, seed=0):
-    """All over the type's range; floats with NaN, infinities and -0."""
+    """Values over the type's whole range; floats include NaN, infinities and -0."""
     rng = np.random.default_rng(seed)
     dtype = np.dtype(dtype)
     if dtype.kind == "f":
@@ -30,7 +30,7 @@ def same_bits(a, b):
 
 
 def through(volume, path, **options):
-    """The values of a store of the volume."""
+    """The values of the volume's store."""
     isonest.preprocess(volume, path, **options)
     with isonest.open(path) as store:
         return store.values()
@@ -211,7 +211,7 @@ def test_mapped_files(store_path, tmp_path):
     np.save(tmp_path / "a.npy", volume)
     mapped = np.load(tmp_path / "a.npy", mmap_mode="r")
     same_bits(through(mapped, store_path), volume)
-    with pytest.raises(isonest.Error):  # not over the input
+    with pytest.raises(isonest.Error):  # the input must not be replaced
         isonest.preprocess(mapped, tmp_path / "a.npy", replace=True)
     np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), volume)
 
@@ -236,7 +236,7 @@ def test_arrays_of_zarr(store_path):
 
 
 class Recorded:
-    """Something with slices that says what was asked for."""
+    """An object with slicing that records what was requested."""
 
     def __init__(self, volume, **attributes):
         self.volume, self.shape, self.dtype, self.asked = volume, volume.shape, volume.dtype, []
@@ -247,7 +247,7 @@ class Recorded:
         return self.volume[place]
 
 
-@pytest.mark.parametrize("chunks", [(16, 32, 40), ((16, 16, 16, 16, 6), (32, 32, 26), (40,))])  # h5py's, dask's
+@pytest.mark.parametrize("chunks", [(16, 32, 40), ((16, 16, 16, 16, 6), (32, 32, 26), (40,))])  # of h5py, dask
 def test_each_value_is_read_once_in_whole_chunks(store_path, chunks):
     volume = numbers("uint8", (70, 90, 40))
     source = Recorded(volume, chunks=chunks)
@@ -284,7 +284,7 @@ def test_a_slice_of_another_shape_is_refused(store_path):
 
 @pytest.mark.parametrize("kind", ["memmap", "h5py", "surface"])
 def test_a_volume_larger_than_the_memory_is_not_copied(tmp_path, kind):
-    """In a process that may have 160 MB beside what importing takes, a volume of 216 MB."""
+    """A volume of 216 MB in a process that may allocate 160 MB in addition to the imports."""
     if kind == "h5py":
         pytest.importorskip("h5py")
     script = textwrap.dedent(f"""

@@ -60,7 +60,7 @@ def test_vtk_keeps_the_memory(store):
 
 
 def test_vtk_has_the_same_surface(store):
-    """What the migration table says: vtkFlyingEdges3D, and this package in its place."""
+    """The migration table's example: vtkFlyingEdges3D, and the replacement by this package."""
     filters = pytest.importorskip("vtkmodules.vtkFiltersCore")
     from vtkmodules.util.numpy_support import numpy_to_vtk
     from vtkmodules.vtkCommonDataModel import vtkImageData
@@ -104,7 +104,7 @@ def test_lines(tmp_path, monkeypatch):
 
 
 def test_trimesh(store, monkeypatch):
-    """With trimesh where it is installed; else with something that takes the same arguments."""
+    """With trimesh if it is installed; otherwise with an object that takes the same arguments."""
     try:
         import trimesh  # noqa: F401
     except ImportError:

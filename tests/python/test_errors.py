@@ -1,4 +1,4 @@
-"""Errors are exceptions of fitting kinds, progress is told, and Ctrl-C leaves nothing behind."""
+"""Errors raise exceptions of the right kind, progress is reported, and Ctrl-C leaves no files."""
 import os
 import pathlib
 import signal
@@ -42,7 +42,7 @@ def test_too_little_memory_is_a_memory_error_that_says_how_much_is_enough(store,
 
 
 def test_a_mesh_that_does_not_fit_is_a_memory_error_and_no_crash(tmp_path):
-    """In a process that may have 60 MB more, a surface of 200 MB."""
+    """A surface of 200 MB in a process that may allocate 60 MB more."""
     script = textwrap.dedent(f"""
         import resource
         import numpy as np
@@ -92,13 +92,13 @@ def test_an_existing_store_stays_unless_it_is_to_be_replaced(store, store_path, 
     assert store_path.read_bytes() == before
     isonest.preprocess(noise[::2], store_path, replace=True)
     assert isonest.open(store_path).shape[0] == 20
-    assert store.shape[0] == 40 and np.array_equal(store.values(), noise)  # the old file, still open
+    assert store.shape[0] == 40 and np.array_equal(store.values(), noise)  # the old file, which is still open
 
 
 def test_arguments_that_make_no_sense_are_value_errors(store, store_path, noise):
     calls = [lambda: store.isosurface(0.3, error=-1), lambda: store.isosurface(float("nan")),
              lambda: store.isosurface(0.3, distance="2 miles"), lambda: store.isosurface(0.3, error=1, distance=1),
-             lambda: store.isosurface(0.3, guarantee="none"), lambda: store.isosurface(0.3, cells="cubes"),
+             lambda: store.isosurface(0.3, indicator="none"), lambda: store.isosurface(0.3, cells="cubes"),
              lambda: store.isosurface(0.3, close="left"), lambda: store.isosurface(0.3, coordinates="image"),
              lambda: store.isosurface(0.3, gradient_direction="down"), lambda: store.isosurface(0.3, triangles=0),
              lambda: store.isosurface(0.3, box=((0, 0, 0), (0, 1, 1))),
@@ -119,7 +119,7 @@ def test_arguments_that_make_no_sense_are_value_errors(store, store_path, noise)
 
 def test_a_missing_indicator_says_how_to_get_it(store):
     with pytest.raises(isonest.NotFoundError) as caught:
-        store.isosurface(0.3, error=0.1, cells="hexahedra")
+        store.isosurface(0.3, error=0.1, effort="none", cells="hexahedra")
     assert "indicators=" in str(caught.value) and "hex_deviation" in str(caught.value)
     assert all("--" not in text for text in caught.value.remedies)
 
@@ -198,7 +198,7 @@ def test_ctrl_c_ends_preprocess_and_leaves_no_store(tmp_path, kind, threads):
     assert child.stdout.readline() == "begins\n"
     deadline = time.monotonic() + 20
     while not list((tmp_path / "out").iterdir()) and time.monotonic() < deadline:
-        time.sleep(0.05)  # until it is at work
+        time.sleep(0.05)  # until it has started working
     time.sleep(0.3)
     assert child.poll() is None and list((tmp_path / "out").iterdir())
     begin = time.monotonic()
@@ -210,7 +210,7 @@ def test_ctrl_c_ends_preprocess_and_leaves_no_store(tmp_path, kind, threads):
 
 
 def test_ctrl_c_ends_the_call_for_small_data_and_removes_its_folder(tmp_path):
-    call = "isonest.isosurface(volume, 0.5, scratch=sys.argv[1], cells='tet')"
+    call = "isonest.isosurface(volume, 0.5, scratch=sys.argv[1], error=0.01)"
     child = subprocess.Popen([sys.executable, "-c", INTERRUPTED.format(call=call), tmp_path, "array"],
                              stdout=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 20
@@ -253,11 +253,11 @@ def test_what_progress_raises_ends_the_stages_of_a_surface(tmp_path):
 
 
 class Stop(Exception):
-    """Whatever ends a run."""
+    """For everything that can end a run."""
 
 
 class Dataset:
-    """As one of h5py: it is known by its file, and so a run from it can be resumed."""
+    """Like a dataset of h5py: it is identified by its file, so a run on it can be resumed."""
 
     def __init__(self, volume, path, end):
         self.volume, self.shape, self.dtype, self.chunks = volume, volume.shape, volume.dtype, (16, 64, 64)
@@ -271,14 +271,14 @@ class Dataset:
 
 
 def test_an_interrupted_run_goes_on(tmp_path):
-    """What ended it is raised, what is done is kept, and the next run takes it over."""
+    """The cause is raised, finished parts are kept, and the next run takes them over."""
     volume = np.random.default_rng(0).integers(0, 99, (256, 64, 64)).astype(np.uint8)
     (tmp_path / "file").touch()
     isonest.preprocess(volume, tmp_path / "whole", chunk=8)
     before = set(tmp_path.iterdir())
     with pytest.raises(Stop):
         isonest.preprocess(Dataset(volume, tmp_path / "file", 128), tmp_path / "x", chunk=8)
-    assert set(tmp_path.iterdir()) == before  # nothing without resume=True
+    assert set(tmp_path.iterdir()) == before  # no files are left without resume=True
     with pytest.raises(Stop):
         isonest.preprocess(Dataset(volume, tmp_path / "file", 128), tmp_path / "x", chunk=8, resume=True)
     assert set(tmp_path.iterdir()) > before and not (tmp_path / "x").exists()
@@ -292,7 +292,7 @@ def test_only_what_can_be_told_from_others_is_resumed(tmp_path):
     volume = Dataset(np.zeros((20, 64, 64), np.uint8), tmp_path / "none", 20)
     with pytest.raises(ValueError, match="resume"):
         isonest.preprocess(volume, tmp_path / "x", resume=True)
-    isonest.preprocess(volume.volume, tmp_path / "x", resume=True)  # an array has a digest
+    isonest.preprocess(volume.volume, tmp_path / "x", resume=True)  # an array is identified by a digest
 
 
 def test_the_temporary_folder_is_removed(tmp_path, noise):

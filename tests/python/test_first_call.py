@@ -1,4 +1,4 @@
-"""isonest.isosurface(): of a volume in one call, straight from it where nothing of a store is needed."""
+"""isonest.isosurface(): a volume's surface in one call, without a store unless one is needed."""
 import zipfile
 
 import numpy as np
@@ -8,7 +8,7 @@ import isonest
 
 
 def whole(mesh):
-    """Its triangles as a sorted array of corners with normals, each from its smallest corner on."""
+    """The triangles as a sorted array of corners with normals, each starting at its smallest corner."""
     corners = np.hstack([mesh.vertices, mesh.normals])[mesh.faces]
     first = [min(range(3), key=lambda k, t=t: tuple(t[k])) for t in corners]
     turned = np.array([np.roll(t, -k, axis=0) for t, k in zip(corners, first)]).reshape(len(corners), -1)
@@ -94,17 +94,17 @@ def test_files_and_datasets_are_marched_as_arrays_are(tmp_path, noise, no_store,
 
 @pytest.fixture
 def no_store(monkeypatch):
-    """Making one is an error."""
+    """Makes it an error to make a store."""
     def refuse(*_, **__):
         raise AssertionError("a store is made")
 
-    monkeypatch.setattr(isonest, "preprocess", refuse)
+    monkeypatch.setattr(isonest._volume, "preprocess", refuse)
 
 
 def test_at_full_resolution_an_array_needs_no_store(tmp_path, noise, no_store):
     hexahedra = isonest.isosurface(noise, 0.3, scratch=tmp_path / "none")
     for query in ({"cells": "hex"}, {"cells": "hexahedra"}, {"error": 0}, {"close": None}, {"quality": True},
-                  {"box": None}, {"threads": 1}, {"guarantee": "plus"}, {"pixels": 2}):
+                  {"box": None}, {"threads": 1}, {"indicator": "plus"}, {"pixels": 2}):
         np.testing.assert_array_equal(isonest.isosurface(noise, 0.3, **query).faces, hexahedra.faces)
     assert isonest.isosurface(noise, 0.3, quality=True).report.quality.median > 20
     assert isonest.isosurface(noise, 0.3, normals=False).normals is None
@@ -121,7 +121,7 @@ def test_at_full_resolution_an_array_needs_no_store(tmp_path, noise, no_store):
                          ({"triangles": 0}, ValueError), ({"effort": "fast"}, ValueError),
                          ({"distance": 1, "effort": "some"}, ValueError), ({"distance": 1, "error": 1}, ValueError),
                          ({"components": 0}, ValueError), ({"min_volume": -1}, ValueError),
-                         ({"distance": 1, "simplify": True}, ValueError), ({"by": "error"}, ValueError),
+                         ({"by": "error"}, ValueError),
                          ({"keep_analysis": True}, ValueError), ({"cull_by": "linf_bar"}, ValueError)):
         with pytest.raises(error):
             isonest.isosurface(noise, 0.3, **wrong)
@@ -133,16 +133,33 @@ def test_at_full_resolution_an_array_needs_no_store(tmp_path, noise, no_store):
 
 
 @pytest.mark.parametrize("query", [
-    {"cells": "tet"}, {"error": 0.1}, {"error_relative": 0.1}, {"simplify": True, "error": 0.1},
-    {"stop": "deviation_bar", "threshold": 0.1}, {"close": True}, {"box": ((0, 0, 0), (9, 9, 9))},
+    {"error": 0.1}, {"error_relative": 0.1}, {"effort": "none", "error": 0.1},
+    {"stop": "deviation_bar", "threshold": 0.1},
     {"focus": (1, 2, 3)}, {"camera": (-9, 0, 0)}, {"view": (1, 0, 0)}, {"bound": "deviation_bar"},
-    {"vertices": "exact"}, {"vertex_error": "deviation_bar"}, {"distance": 0.5, "close": True},
-    {"distance": 0.5, "no_simplify": True}, {"distance": 0.5, "keep_analysis": True},
+    {"vertices": "exact"}, {"vertex_error": "deviation_bar"},
+    {"distance": 0.5, "effort": "none"}, {"distance": 0.5, "keep_analysis": True},
     {"triangles": 100, "by": "error"}, {"error": 0.1, "close": True, "volume_interval": True}], ids=str)
 def test_what_needs_a_store_gets_one(noise, no_store, query):
     for iso in (0.3, None, [0.1, 0.3]):
         with pytest.raises(AssertionError, match="a store is made"):
             isonest.isosurface(noise, iso, **query)
+
+
+@pytest.mark.parametrize("query", [
+    {"cells": "tet"}, {"close": True}, {"box": ((1, 1, 1), (7.5, 9, 9))}, {"distance": 0.5, "close": True},
+    {"cells": "tet", "close": True, "box": ((1, 1, 1), (7.5, 9, 9))}, {"cells": "tet", "distance": 0.5}], ids=str)
+def test_all_of_full_resolution_is_made_without_a_store_as_from_one(noise, tmp_path, monkeypatch, query):
+    isonest.preprocess(noise, tmp_path / "s.isonest")
+    with isonest.open(tmp_path / "s.isonest") as store:
+        expected = store.isosurface(0.3, **query)
+
+    def refuse(*arguments, **options):
+        raise AssertionError("a store is made")
+
+    monkeypatch.setattr(isonest._volume, "preprocess", refuse)
+    made = isonest.isosurface(noise, 0.3, **query)
+    assert np.array_equal(made.vertices, expected.vertices)
+    assert np.array_equal(made.faces, expected.faces)
 
 
 def test_volumes_that_need_a_store_get_one(noise, no_store):
@@ -194,10 +211,10 @@ def test_what_is_made_of_the_whole_surface_is_as_from_a_store(noise, store_path,
                  "coordinate_rounding", "within_budget", "mended_triangles", "border_vertices"):
         assert getattr(ours.report, what) == getattr(stored.report, what), what
     assert ours.report.full_area == pytest.approx(stored.report.full_area)
-    # The distance that was asked for; of a number of triangles, the one that was found.
+    # The requested distance; for a number of triangles, the distance that was found.
     assert ours.report.distance == pytest.approx(stored.report.distance, rel=0.02 if "triangles" in query else 0)
     if query.get("distance") or "triangles" in query:
-        # Of edges that cost about the same, the order of the mesh, which is another one, says which goes first.
+        # Among edges of about equal cost the order of the mesh, which differs, decides which is collapsed first.
         assert len(ours.faces) == pytest.approx(len(stored.faces), rel=0.02)
         assert ours.report.area == pytest.approx(stored.report.area, rel=0.002)
     else:

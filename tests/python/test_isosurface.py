@@ -1,4 +1,4 @@
-"""Surfaces beside scikit-image's marching cubes, which knows nothing of isonest."""
+"""Surfaces compared with scikit-image's marching cubes, an independent implementation."""
 import gc
 
 import numpy as np
@@ -12,7 +12,7 @@ spatial = pytest.importorskip("scipy.spatial")
 
 
 def hausdorff(a, b):
-    """Between the vertices of two meshes."""
+    """Hausdorff distance between the vertices of two meshes."""
     return max(spatial.cKDTree(a).query(b)[0].max(), spatial.cKDTree(b).query(a)[0].max())
 
 
@@ -27,7 +27,7 @@ def test_full_resolution_is_the_surface_of_marching_cubes(store_path, noise, cel
     np.testing.assert_allclose(verts.min(0), v.min(0), atol=1e-5)
     np.testing.assert_allclose(verts.max(0), v.max(0), atol=1e-5)
     assert area(verts, faces) == pytest.approx(area(v, f), rel=0.01)
-    # All vertices of marching cubes lie on edges of the lattice, and those of either kind of cells contain them.
+    # All vertices of marching cubes lie on edges of the lattice, and are contained in those of both kinds of cells.
     assert spatial.cKDTree(verts).query(v)[0].max() < 1e-4
     assert hausdorff(verts, v) < max(spacing)
     assert values.shape == (len(verts),) and (values == 0.3).all()
@@ -58,10 +58,10 @@ def test_an_error_keeps_its_promise_and_saves_triangles(store_path, noise):
     coarse = store.isosurface(0.3, error=0.2)
     assert 0 < coarse.report.triangles < full.report.triangles / 2
     assert 0 < coarse.report.error_bound <= 0.2
-    # The data at the vertices, and at the middles of the triangles, by an interpolation of our own.
+    # The data at the vertices and at the triangles' centres, by an independent interpolation.
     from scipy.ndimage import map_coordinates
     middles = coarse.vertices[coarse.faces].mean(1)
-    slack = 0.05  # between the lattice's nodes scipy is trilinear, isonest linear in tetrahedra
+    slack = 0.05  # between nodes scipy is trilinear, isonest linear in tetrahedra
     off = abs(map_coordinates(noise, middles.T, order=1) - 0.3)
     assert 0.02 < off.max() <= 0.2 + slack
 
@@ -133,12 +133,12 @@ def test_closed_solids_and_components(store_path, noise):
 @pytest.mark.parametrize("coordinates, rounding", [("world", 1e-10), ("array", 1e-6)])
 @pytest.mark.parametrize("more", [{}, {"distance": 0.4}, {"cells": "hex"}, {"cells": "hex", "error": 0.1}])
 def test_the_report_measures_the_mesh(store_path, noise, more, coordinates, rounding):
-    """The mesh in the world; taking the origin off its coordinates rounds them once more."""
+    """The mesh in world coordinates; subtracting the origin rounds them once more."""
     isonest.preprocess(noise, store_path, spacing=(2.5, 1, 0.5), origin=(7, -40, 300),
                        indicators=["deviation_bar", "hex_deviation"])
     store = isonest.open(store_path)
     for closing in ({}, {"close": "below"}, {"close": "above"}):
-        if closing and "cells" in more and "error" in more:  # those have no caps
+        if closing and "cells" in more and "error" in more:  # these cells have no caps
             break
         mesh = store.isosurface(0.3, coordinates=coordinates, **more, **closing)
         assert mesh.report.area == pytest.approx(area(mesh.vertices, mesh.faces), rel=rounding)
@@ -168,7 +168,7 @@ def test_vertices_and_faces_are_not_copied_and_outlive_the_store(store_path, noi
     store = isonest.open(store_path)
     mesh = store.isosurface(0.3)
     memory = mesh.vertices.__array_interface__["data"][0]
-    assert mesh.in_world().vertices.__array_interface__["data"][0] == memory - 8  # columns backwards
+    assert mesh.in_world().vertices.__array_interface__["data"][0] == memory - 8  # reversed columns
     assert mesh.vertices is mesh.vertices
     vertices, faces = mesh.vertices, mesh.faces
     before = vertices.copy(), faces.copy()
@@ -189,7 +189,7 @@ def test_any_number_of_threads_gives_the_same_mesh(store_path, noise):
 
 
 def test_a_rotated_volume_is_the_same_in_array_coordinates(tmp_path, monkeypatch):
-    """The corners of the world's mesh are those of the array's, turned about the origin."""
+    """The corners of the world's mesh are those of the array's, rotated about the origin."""
     matrix, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
     matrix *= np.linalg.det(matrix)
     z, y, x = np.mgrid[:14, :17, :20]
@@ -202,17 +202,17 @@ def test_a_rotated_volume_is_the_same_in_array_coordinates(tmp_path, monkeypatch
     store = isonest.open(tmp_path / "v.isonest")
     np.testing.assert_allclose(np.array(store.direction).T, matrix, atol=1e-12)
     plain = isonest.isosurface(data, 6.05, normals=True, cells="tet")
-    found = store.isosurface(6.05, normals=True)
+    found = store.isosurface(6.05, normals=True, cells="tet")
     np.testing.assert_array_equal(found.faces, plain.faces)
     np.testing.assert_allclose(found.vertices, plain.vertices, atol=1e-5)
     np.testing.assert_allclose(found.normals, plain.normals, atol=1e-5)
-    world = store.isosurface(6.05, coordinates="world").vertices
+    world = store.isosurface(6.05, coordinates="world", cells="tet").vertices
     np.testing.assert_allclose(world, plain.vertices[:, ::-1] @ matrix.T + (10, 20, 30), atol=1e-4)
     with pytest.raises(isonest.Error):
         store.isosurface(6.05, box=((0, 0, 0), (5, 5, 5)))
     cut = store.slice((1, 0, 0), 6, coordinates="array")
     np.testing.assert_allclose(cut.vertices[:, 0], 6, atol=1e-5)
-    with monkeypatch.context() as without:  # a store
+    with monkeypatch.context() as without:  # without a store
         without.delattr(isonest, "preprocess")
         found, plain = isonest.isosurface(tmp_path / "v.nrrd", 6.05), isonest.isosurface(data, 6.05)
         np.testing.assert_array_equal(found.faces, plain.faces)
@@ -238,7 +238,7 @@ def test_labels_and_the_surface_of_one(tmp_path):
     assert found[-1].low == (3, 2, 4) and found[-1].high == (5, 4, 7)
     for label in ids:
         binary = isonest.isosurface((data == label).astype("u2"), 0.5, cells="tet")
-        surface = store.label_surface(label)
+        surface = store.label_surface(label, cells="tet")
         np.testing.assert_array_equal(surface.vertices, binary.vertices)
         np.testing.assert_array_equal(surface.faces, binary.faces)
     assert len(store.label_surface(700, distance="1voxel").faces) < len(store.label_surface(700).faces)

@@ -1,7 +1,7 @@
 """The package has the options of the program: the same names, and the same choices.
 
-The program's options are those of its help. A new one fails here until the package has an argument of its name, or a
-table below says under which name it has it, or why it has none; and the same the other way round.
+The program's options are those of its help. A new option fails this test until the package has an argument with its
+name, or a table below gives its name in the package or the reason why there is none; and vice versa.
 """
 import inspect
 import keyword
@@ -19,29 +19,30 @@ COMMANDS = {
     "preprocess": [isonest.preprocess],
     "extract": [Store.isosurface, Store.label_surface, Store.label_surfaces, Store.interfaces, Store.graph, isonest.Mesh.save,
                 _sources.of_volume],
-    "slice": [Store.slice, Store.contours, isonest.Mesh.save],
+    "slice": [Store.slice, Store.contours, isonest.Mesh.save, _sources.of_volume],
     "study": [Store.study],
     "smooth": [isonest.smooth, _sources.of_volume],
-    "info": [Store.histogram],
+    "info": [Store.histogram, _sources.of_volume],
     "export": [Store.export],
     "check": [Store.check, _sources.of_volume],
-    "view": [Store.view],
+    "view": [Store.view, _sources.of_volume],
 }
 COMMANDS_LEFT_OUT = {
     "make-volume": "NumPy makes arrays",
     "picture": "VTK and Matplotlib draw meshes",
     "publish": "sites are written by the program alone",
 }
-RENAMED = {  # the command, the option: the argument
+RENAMED = {  # (command, option): argument
     ("*", "force"): "replace", ("*", "dims"): "shape", ("*", "type"): "dtype", ("*", "endian"): "dtype",
     ("*", "header"): "headers",
     ("preprocess", "output"): "store", ("extract", "output"): "path", ("slice", "output"): "path",
     ("slice", "plane"): "normal",
 }
 PICTURES = "pictures and plots are drawn by other packages"
-LEFT_OUT = {  # the command, the option: why there is no such argument
+LEFT_OUT = {  # (command, option): why there is no such argument
     ("*", "help"): "help() says it", ("*", "json"): "what is found is returned", ("*", "quiet"): "nothing is printed",
     ("*", "header"): "headers, of isonest.open", ("*", "cache"): "of isonest.open",
+    ("*", "keep-store"): "preprocess() makes a store",
     ("extract", "graph"): "a method", ("extract", "interfaces"): "a method", ("extract", "format"): "the end of the name that Mesh.save is given",
     ("extract", "over"): "shift, of Mesh.save",
     ("slice", "size"): PICTURES, ("slice", "colors"): PICTURES, ("slice", "plain"): PICTURES,
@@ -50,7 +51,7 @@ LEFT_OUT = {  # the command, the option: why there is no such argument
     ("info", "histogram"): "a method", ("view", "address"): "only this machine reaches what Python shows",
     ("view", "token"): "there always is one",
 }
-ONLY_HERE = {  # the function, the argument: why the program has no such option
+ONLY_HERE = {  # (function, argument): why the program has no such option
     ("*", "self"): "the store", ("*", "progress"): "the program draws a bar",
     ("*", "coordinates"): "files are in world coordinates", ("*", "scratch"): "the folder of the output",
     ("*", "reading"): "those of preprocess", ("preprocess", "volume"): "INPUT", ("smooth", "volume"): "INPUT",
@@ -64,9 +65,9 @@ ONLY_HERE = {  # the function, the argument: why the program has no such option
     ("view", "program"): "it is the program",
 }
 SYNONYMS = {"tetrahedra", "hexahedra", "quadrilaterals"}
-CHOICES_LEFT_OUT = {  # the command, the option: why the argument takes other things than the form says
+CHOICES_LEFT_OUT = {  # (command, option): why the argument accepts other values than the help shows
     ("extract", "distance"): "D[UNIT|voxel] is a number with a unit", ("extract", "labels"): "all is None",
-    ("slice", "cells"): "quad is of graphs",
+    ("slice", "cells"): "quad is of graphs", ("extract", "components"): "largest is in the words",
 }
 
 
@@ -78,14 +79,14 @@ def help_of(*command):
 
 
 def options_of(command):
-    """The names of a command's options, each with the form of its value and what the help says of it."""
-    found = re.findall(r"^  (?:-\w,)?--([a-z][a-z-]*)(?:\{.*?\})?(?: (\S+(?: \S+)*?))?((?:  | *\n).*(?:\n {28}.*)*)",
+    """The names of a command's options, each with the form of its value and its text in the help."""
+    found = re.findall(r"^  (?:-\w,)?--([a-z][a-z-]*)(?:\[=(\S+)\])?(?: (\S+(?: \S+)*?))?((?:  | *\n).*(?:\n {28}.*)*)",
                        help_of(command), re.M)
-    return {name: (form, words) for name, form, words in found}
+    return {name: (of_flag or form, words) for name, of_flag, form, words in found}
 
 
 def name_in_python(command, option):
-    """Of the argument."""
+    """The name of the argument."""
     plain = option.replace("-", "_")
     plain = plain + "_" if keyword.iskeyword(plain) else plain
     return RENAMED.get((command, option), RENAMED.get(("*", option), plain))
@@ -135,21 +136,21 @@ def test_the_tables_name_what_there_is():
 
 
 def literals(annotation):
-    """The texts that an argument takes."""
+    """The strings that an argument accepts."""
     if typing.get_origin(annotation) is typing.Literal:
         return {choice for choice in typing.get_args(annotation) if isinstance(choice, str)}
     return set().union(*map(literals, typing.get_args(annotation)))
 
 
 def test_every_choice_is_the_programs(command):
-    """An option's form lists the words that it takes, largest|K|all, or its description names them."""
+    """The form of an option lists the accepted words, largest|K|all, or its description names them."""
     for option, (form, words) in options_of(command).items():
         ours = set()
         for function in COMMANDS[command]:
             if name_in_python(command, option) in inspect.signature(function).parameters:
                 ours |= literals(typing.get_type_hints(function)[name_in_python(command, option)]) - SYNONYMS
         if "|" not in form:
-            assert ours <= set(re.findall(r"\w+", words)), option
+            assert ours <= set(re.findall(r"[\w-]+", words)), option
         elif not left_out(CHOICES_LEFT_OUT, command, option) and not left_out(LEFT_OUT, command, option):
             assert ours == {word for word in form.split("|") if word.islower()}, option
 
@@ -158,7 +159,7 @@ def test_a_choice_that_there_is_not_is_refused_with_those_that_there_are(tmp_pat
     isonest.preprocess(noise, tmp_path / "x")
     store = isonest.open(tmp_path / "x")
     hints = typing.get_type_hints(Store.isosurface)
-    for name in ("guarantee", "vertices", "cells", "close", "by", "components", "effort"):
+    for name in ("indicator", "vertices", "cells", "close", "by", "components", "effort"):
         with pytest.raises(ValueError) as caught:
             store.isosurface(0.3, **{name: "none of them", **({"triangles": 9} if name in ("by", "effort") else {})})
         assert all(repr(choice) in str(caught.value) for choice in literals(hints[name])), name
@@ -170,7 +171,7 @@ def test_the_fields_are_the_programs(noise, tmp_path):
     ours = re.findall(r"\w+", caught.value.remedies[0].split(":")[1])
     assert ours[:2] == ["nodes", "all"]
     listed = " ".join(help_of("export").split())
-    # Those of cells come last, and are no volumes.
+    # Indicators of cells come last, and cannot be exported as volumes.
     of_nodes = [name for name in ours[2:] if not name.startswith("hex_")]
     assert len(of_nodes) > 20 and ours[2:] == [*of_nodes, "hex_linf", "hex_deviation"]
     assert ", ".join(of_nodes) + ";" in listed

@@ -1,4 +1,4 @@
-"""What is installed: the component python alone, importable from where Debian and pip put it."""
+"""The installed files: the component python alone, importable from where Debian and pip install it."""
 import os
 import pathlib
 import re
@@ -29,7 +29,8 @@ def test_the_component_is_the_package_and_works_from_anywhere(tmp_path):
                    check=True, capture_output=True)
     folder = tmp_path / "prefix" / "lib/python3/dist-packages"
     expected = {path.name for path in (ROOT / "tools/python/isonest").iterdir() if path.name != "__pycache__"}
-    assert {path.name for path in (folder / "isonest").iterdir()} == expected | {pathlib.Path(_core.__file__).name}
+    expected |= {pathlib.Path(_core.__file__).name, "_volume.pyi"}
+    assert {path.name for path in (folder / "isonest").iterdir()} == expected
     assert not any(path.is_symlink() for path in (folder / "isonest").iterdir())
     assert {path.name for path in (tmp_path / "prefix").iterdir()} == {"lib", "share"}
     script = "import isonest, numpy; print(isonest.__file__, len(isonest.isosurface(numpy.eye(4)[None] + " \
@@ -64,7 +65,7 @@ def test_a_file_that_needs_a_module_is_read(tmp_path, way):
 
 
 def test_the_version_is_that_of_the_project():
-    """By the expression with which pip reads it."""
+    """With the regular expression that pip uses to read it."""
     expression = re.search(r"^regex = '(.*)'$", (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.M).group(1)
     found = re.search(expression, (ROOT / "CMakeLists.txt").read_text(encoding="utf-8"))
     assert found.group("value") == isonest.__version__ == _core.version

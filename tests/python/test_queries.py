@@ -1,4 +1,4 @@
-"""What is asked of a surface: pieces, stops, places, kept analyses, contour lines, graphs, labels."""
+"""Queries for surfaces: components, stop tests, regions, kept analyses, contour lines, graphs, labels."""
 import os
 import subprocess
 
@@ -19,7 +19,7 @@ def store(tmp_path_factory, noise):
 
 @pytest.fixture(scope="module")
 def specks(tmp_path_factory):
-    """A large ball and two small ones, apart."""
+    """A large ball and two small ones that do not touch."""
     volume = np.maximum.reduce([np.roll(ball((40, 40, 60), radius), shift, axis=2)
                                 for radius, shift in ((9.3, -14), (3.4, 4), (2.2, 18))])
     path = tmp_path_factory.mktemp("specks") / "x.isonest"
@@ -28,7 +28,7 @@ def specks(tmp_path_factory):
 
 
 def pieces_of(mesh):
-    """The faces of each connected piece, largest first, by SciPy."""
+    """The faces of each connected component, largest first, by SciPy."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
     a, b = mesh.faces[:, [0, 1, 2]].ravel(), mesh.faces[:, [1, 2, 0]].ravel()
@@ -64,21 +64,21 @@ def test_cells_have_the_names_of_the_program_or_longer_ones(store):
 
 
 def test_exact_vertices_are_on_the_finest_surface(tmp_path):
-    """Of a field that is linear along each axis' edges nowhere: the sphere's distance squared."""
+    """For a field that is not linear along any edge of the lattice: the squared distance."""
     z, y, x = np.mgrid[:33, :33, :33] - 16.0
     isonest.preprocess(z**2 + y**2 + x**2, tmp_path / "x")
     store = isonest.open(tmp_path / "x")
     off = {}
     for vertices in ("linear", "exact"):
-        mesh = store.isosurface(150.0, error=20, vertices=vertices)
+        mesh = store.isosurface(150.0, error=20, effort="none", vertices=vertices)
         off[vertices] = abs(np.linalg.norm(mesh.vertices - 16, axis=1) - np.sqrt(150)).max()
-    full = store.isosurface(150.0)
+    full = store.isosurface(150.0, cells="tet")
     finest = abs(np.linalg.norm(full.vertices - 16, axis=1) - np.sqrt(150)).max()
     assert off["exact"] <= finest + 1e-5 < off["linear"] / 4
 
 
 def test_a_threshold_of_the_error_field_is_the_error(store):
-    by_error = store.isosurface(0.3, error=0.2)
+    by_error = store.isosurface(0.3, error=0.2, effort="none")
     by_field = store.isosurface(0.3, stop="deviation_bar", threshold=0.2)
     np.testing.assert_array_equal(by_field.vertices, by_error.vertices)
     largest = max(array.max for array in store.arrays if array.field == "deviation_bar")
@@ -89,26 +89,40 @@ def test_a_threshold_of_the_error_field_is_the_error(store):
 
 def test_the_error_is_kept_by_fewer_triangles(store, noise):
     from scipy.ndimage import map_coordinates
-    nested, fewer = store.isosurface(0.3, error=0.2), store.isosurface(0.3, error=0.2, simplify=True)
-    assert len(fewer.faces) < len(nested.faces) == len(nested.faces)
+    nested = store.isosurface(0.3, error=0.2, effort="none")
+    fewer = store.isosurface(0.3, error=0.2, cells="tet")
+    assert len(fewer.faces) < len(nested.faces)
     assert fewer.report.nested_triangles > len(fewer.faces) and fewer.report.error_bound <= 0.2
     middles = fewer.vertices[fewer.faces].mean(1)
     assert abs(map_coordinates(noise, middles.T, order=1) - 0.3).max() <= 0.2 + 0.05
-    budget = store.isosurface(0.3, triangles=2000, by="error")
+    fast = store.isosurface(0.3, error=0.2, effort="fast", cells="hex")
+    best = store.isosurface(0.3, error=0.2, effort="best", cells="hex")
+    assert len(best.faces) < len(fast.faces) < fast.report.nested_triangles == best.report.nested_triangles
+    assert fast.report.error_bound <= 0.2 and fast.report.full_error_bound > 0
+    assert fewer.report.full_error_bound is None
+    middles = fast.vertices[fast.faces].mean(1)
+    most = max(fast.report.error_bound, fast.report.full_error_bound)
+    assert abs(map_coordinates(noise, middles.T, order=1) - 0.3).max() <= most + 1e-4
+    default = store.isosurface(0.3, error=0.2)
+    same = fewer if default.report.full_error_bound is None else best
+    np.testing.assert_array_equal(default.faces, same.faces)
+    budget = store.isosurface(0.3, triangles=2000, by="error", effort="none")
     assert len(budget.faces) <= 2000 and budget.report.distance is None
-    finer = store.isosurface(0.3, triangles=2000, by="error", simplify=True)
+    finer = store.isosurface(0.3, triangles=2000, by="error")
+    few = store.isosurface(0.3, triangles=2000, by="error", effort="fast")
+    assert len(few.faces) <= 2000 and few.report.within_budget
     assert len(finer.faces) <= 2000 and finer.report.error_bound < budget.report.error_bound
 
 
 def test_a_distance_without_simplification_is_the_nested_grids(tmp_path):
     isonest.preprocess(ball((33, 33, 33), 12.3), tmp_path / "x")
     store = isonest.open(tmp_path / "x")
-    nested = store.isosurface(0.0, distance="0.5voxel", no_simplify=True)
+    nested = store.isosurface(0.0, distance="0.5voxel", effort="none")
     simplified = store.isosurface(0.0, distance="0.5voxel")
     full = store.isosurface(0.0)
     assert len(simplified.faces) < len(nested.faces) < len(full.faces)
     assert nested.report.distance_bound <= 0.5
-    # Exact vertices: off the sphere by what the finest grid is.
+    # Exact vertices: as far from the sphere as the finest grid.
     assert abs(np.linalg.norm(nested.vertices - 16, axis=1) - 12.3).max() < 0.03
 
 
@@ -146,7 +160,7 @@ def test_a_kept_analysis_is_made_once(tmp_path):
 
 
 def test_the_error_grows_with_the_distance_to_the_focus(store):
-    plain = store.isosurface(0.3, error=0.05)
+    plain = store.isosurface(0.3, error=0.05, effort="none")
     middle = (20.0, 16.0, 13.0)
     np.testing.assert_array_equal(store.isosurface(0.3, error=0.05, focus=middle).faces, plain.faces)
     focused = store.isosurface(0.3, error=0.05, focus=middle, falloff=0.5)
@@ -178,14 +192,14 @@ def test_a_bound_changes_what_is_visited_and_not_the_surface(store):
 
 
 def test_what_faces_away_is_left_out(store):
-    full = store.isosurface(0.3)
+    full = store.isosurface(0.3, cells="tet")
     for coordinates, view in (("array", (1.0, 0.0, 0.0)), ("world", (0.0, 0.0, 1.0))):
         seen = store.isosurface(0.3, view=view, coordinates=coordinates, cull_by="normal_turn_plus")
         assert 0 < len(seen.faces) < len(full.faces) and seen.report.culled_by == "normal_turn_plus"
         mesh = seen.in_array()
         places = {tuple(sorted(map(tuple, corners))) for corners in mesh.vertices[mesh.faces].tolist()}
         corners = full.vertices[full.faces]
-        # In (z, y, x) a cross product turns round.
+        # In (z, y, x) the cross product has the opposite sign.
         facing = -np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 0]
         size = area(full.vertices, full.faces) / len(full.faces)
         front = corners[facing < -0.5 * size]
@@ -196,16 +210,15 @@ def test_what_faces_away_is_left_out(store):
 def test_arguments_that_do_not_go_together(store):
     calls = [dict(error=0.1, error_relative=0.1), dict(error=0.1, stop="linf_bar"), dict(threshold=0.1),
              dict(stop="linf_bar", threshold=0.1, threshold_relative=0.1), dict(stop="values"),
-             dict(distance=1, stop="linf_bar"), dict(distance=1, error_relative=0.1), dict(distance=1, simplify=True), dict(triangles=9, simplify=True), dict(by="error"),
-             dict(triangles=9, by="size"), dict(triangles=9, distance=1, by="error"), dict(no_simplify=True),
-             dict(triangles=9, no_simplify=True), dict(effort="fast"), dict(effort="best"), dict(distance=1, effort=""),
-             dict(triangles=9, by="error", effort="fast"), dict(distance=1, no_simplify=True, effort="fast"),
+             dict(distance=1, stop="linf_bar"), dict(distance=1, error_relative=0.1), dict(by="error"),
+             dict(triangles=9, by="size"), dict(triangles=9, distance=1, by="error"),
+             dict(triangles=9, effort="none"), dict(effort="fast"), dict(effort="best"), dict(distance=1, effort=""),
              dict(distance=1, keep_analysis=True, effort="fast"), dict(keep_analysis=True),
-             dict(stop="linf_bar", simplify=True),
-             dict(distance=1, no_simplify=True, keep_analysis=True), dict(falloff=1), dict(cull_by="normal_turn_plus"),
+             dict(stop="linf_bar", effort="best"), dict(error=0.1, indicator="estimate", effort="fast"),
+             dict(distance=1, effort="none", keep_analysis=True), dict(falloff=1), dict(cull_by="normal_turn_plus"),
              dict(components=0), dict(components="most"), dict(components=-1), dict(min_component=-1),
              dict(vertices="moved"), dict(focus=(1, 2)), dict(distance=1, focus=(1, 2, 3)),
-             dict(distance=1, guarantee="plus"), dict(guarantee="none"), dict(error_relative=2)]
+             dict(distance=1, indicator="plus"), dict(indicator="none"), dict(error_relative=2)]
     for more in calls:
         with pytest.raises(ValueError):
             store.isosurface(0.3, **more)
@@ -223,7 +236,7 @@ def test_contours_are_those_of_scikit_image(store, noise):
         lines = measure.find_contours(noise[17], value)
         theirs = sum(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines)
         assert length == pytest.approx(theirs, rel=0.01)
-        # Theirs cross the edges of squares, which are edges of our triangles.
+        # Their points are on edges of squares, which are edges of our triangles.
         ours = ends.reshape(-1, 2)
         assert all(abs(ours - point).max(1).min() < 1e-3 for line in lines for point in line)
     world = store.contours((0, 0, 1), 17, values, coordinates="world")
@@ -347,7 +360,7 @@ def test_parts_of_smooth_labels_are_dropped(tmp_path):
     isonest.preprocess(data, tmp_path / "s")
     store = isonest.open(tmp_path / "s")
     whole = store.label_surface(5, smooth=True)
-    assert whole.report.components == 0  # not looked for
+    assert whole.report.components == 0  # components were not computed
     found = store.label_surfaces(smooth=True, components=2)
     assert found[5].report.components == filled(data == 5, np.ones((3, 3, 3)))[1] == 3
     assert found[5].report.dropped_components == 1 and found[5].report.largest_dropped == 12
@@ -401,7 +414,7 @@ def test_labels_have_the_names_and_colours_of_the_table(tmp_path):
         store.label_surface("none")
     with pytest.raises(isonest.InvalidArgumentError, match="2 labels are called 'twice'"):
         store.label_surface("twice")
-    # Names and colours are in what is saved, as in what the program writes.
+    # Saved files have names and colours, like those that the program writes.
     program = os.environ.get("ISONEST_PROGRAM")
     for end in ("glb", "3mf", "vtp"):
         for number, mesh in enumerate((by_name, store.label_surfaces([7])[7])):
@@ -428,5 +441,5 @@ def test_labels_of_64_bits_are_ints_everywhere(tmp_path):
         assert (values.min, values.max) == (0, 2**62 - 1)
         edges = store.histogram().edges
         assert (edges.dtype, edges[0]) == (np.int64, 0) and edges[-1] > 2**62 - 1
-        with pytest.raises(isonest.UnsupportedError, match="labels of 64 bits"):
+        with pytest.raises(isonest.UnsupportedError, match="labels of 64 bits|64-bit labels"):
             store.slice((0, 0, 1), 1)

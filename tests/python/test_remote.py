@@ -1,4 +1,4 @@
-"""Stores at URLs: what a file gives, what was fetched, and waits that end."""
+"""Stores at URLs: the same results as from a file, the number of bytes fetched, and waits that end."""
 import os
 import pathlib
 import pickle

@@ -79,7 +79,7 @@ def test_a_store_says_what_it_holds(store, noise, store_path):
 
 def test_a_unit_is_kept_and_distances_are_converted_to_it(store, noise, tmp_path):
     assert store.unit is None
-    with pytest.raises(isonest.Error, match="a number alone"):
+    with pytest.raises(isonest.Error, match="a plain number|a number alone"):
         store.isosurface(0.3, distance="0.5mm")
     isonest.preprocess(noise, tmp_path / "um", spacing=(500, 500, 500), unit="micrometer")
     np.save(tmp_path / "v.npy", noise)
@@ -132,7 +132,7 @@ def test_indicators_are_chosen_by_name(tmp_path, noise):
     assert store.indicators == ["linf_bar", "deviation_bar", "hex_deviation"]
     assert len(store.isosurface(0.3, error=0.2, cells="hexahedra").faces) < len(
         store.isosurface(0.3, cells="hexahedra").faces)
-    errors = store.isosurface(0.3, vertex_error="linf_bar", error=0.2, guarantee="estimate").errors
+    errors = store.isosurface(0.3, vertex_error="linf_bar", error=0.2, indicator="estimate").errors
     assert errors.dtype == np.float32 and errors.max() > 0
 
 
@@ -162,7 +162,7 @@ def test_many_threads_may_use_a_store(store):
 
 
 def test_the_gil_is_released(store_path):
-    """While one thread preprocesses, this one goes on."""
+    """While one thread preprocesses, this one continues."""
     volume = np.random.default_rng(0).integers(0, 255, (256, 256, 256), dtype=np.uint8)
     thread = threading.Thread(target=isonest.preprocess, args=(volume, store_path), kwargs={"threads": 1})
     thread.start()
@@ -188,5 +188,5 @@ def test_memory_does_not_grow_with_calls(store):
     before = resident()
     for _ in range(4):
         work()
-    # A mesh of it has 1.5 MB: 200 of them would be 300 MB.
+    # Its mesh takes 1.5 MB: 200 of them would take 300 MB.
     assert resident() - before < 30e6

@@ -1,4 +1,4 @@
-"""check, export, study and smooth, and what a store says of itself."""
+"""check, export, study and smooth, and the description of a store."""
 import csv
 import json
 import os
@@ -71,7 +71,7 @@ def test_exported_values_and_indicators(store, store_path, noise, tmp_path):
     store.export(tmp_path / "v.npy")
     np.testing.assert_array_equal(np.load(tmp_path / "v.npy"), noise)
     store.export(tmp_path / "half.npy", level=1)
-    # The lattice of a level covers the volume, and its last node may lie outside of it.
+    # The lattice of a level covers the volume, and its last node may lie outside the volume.
     half = np.load(tmp_path / "half.npy")
     assert half.shape == (21, 17, 14)
     np.testing.assert_array_equal(half[:20], noise[::2, ::2, ::2])
@@ -80,7 +80,7 @@ def test_exported_values_and_indicators(store, store_path, noise, tmp_path):
     store.export(tmp_path / "v.npy", "deviation_bar", replace=True)
     deviation = np.load(tmp_path / "v.npy")
     assert deviation.shape == noise.shape and deviation.dtype == np.float32
-    # At the middle of an edge of two nodes nothing is finer: the offset itself.
+    # At the midpoint of an edge between two nodes nothing is finer: the indicator is the offset itself.
     edge = noise[0, 0, 1] - (noise[0, 0, 0].astype(float) + noise[0, 0, 2]) / 2
     store.export(tmp_path / "o.npy", "lp:inf")
     assert np.load(tmp_path / "o.npy")[0, 0, 1] == pytest.approx(abs(edge), rel=1e-5)
@@ -128,7 +128,7 @@ def test_the_deviation_bounds_the_error_of_a_study(store):
 
 
 def test_smoothing_without_edges_is_a_gaussian():
-    """With lambda_ far above all gradients: N steps are a Gaussian of variance 2 N tau."""
+    """With lambda_ far above all gradients, N steps are a Gaussian of variance 2 N tau."""
     from scipy.ndimage import gaussian_filter
     volume = 100 * np.exp(-((ball((40, 42, 44), 0) / 5.0) ** 2) / 2)
     smoothed = isonest.smooth(volume, steps=20, tau=0.1, lambda_=1e6, snapshots=[0, 10])
@@ -194,5 +194,5 @@ def test_an_exception_ends_each_kind_of_work(store, noise, tmp_path):
                  lambda: isonest.smooth(noise, steps=2, tau=1, lambda_=1, output=tmp_path / "x.nrrd", progress=stop)):
         with pytest.raises(ZeroDivisionError):
             call()
-    # Small files may have been whole before the function was called.
+    # Small files may have been complete before the function was called.
     assert {path.name for path in tmp_path.iterdir()} <= {"x.isonest", "x.npy", "x.nrrd"}

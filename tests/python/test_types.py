@@ -1,5 +1,6 @@
-"""The hints: those of the compiled module name what it has, and the package agrees with them."""
+"""The type hints: those of the compiled module match it, and the package agrees with them."""
 import ast
+import os
 import pathlib
 import subprocess
 import sys
@@ -36,3 +37,19 @@ def test_mypy_agrees(tmp_path):
     done = subprocess.run([sys.executable, "-m", "mypy", "--python-version", "3.9", "--ignore-missing-imports",
                            "--cache-dir", tmp_path, "-p", "isonest"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
+
+
+def test_mypy_knows_the_keywords_and_their_values(tmp_path):
+    pytest.importorskip("mypy")
+    right = ["isonest.isosurface(volume, 0.1, distance=0.5, spacing=(1, 1, 2)).save('m.ply')",
+             "len(isonest.isosurface(volume, [0.1, 0.2], effort='fast'))",
+             "store.isosurface(0.1, error=1, indicator='plus', components='largest').save('m.ply')"]
+    wrong = ["isonest.isosurface(volume, 0.1, errr=3)", "store.isosurface(0.1, errr=3)",
+             "isonest.isosurface(volume, 0.1, effort='fastest')", "store.isosurface(0.1, close='yes')"]
+    text = "import isonest\nvolume = [[[1.0]]]\nstore = isonest.open('x')\n" + "\n".join(right + wrong) + "\n"
+    (tmp_path / "typed.py").write_text(text)
+    done = subprocess.run([sys.executable, "-m", "mypy", "--ignore-missing-imports", "--cache-dir", tmp_path, "typed.py"],
+                          capture_output=True, text=True, check=False, cwd=tmp_path,
+                          env={**os.environ, "MYPYPATH": str(PACKAGE.parent)})
+    lines = {int(line.split(":")[1]) for line in done.stdout.splitlines() if ": error:" in line}
+    assert lines == {4 + len(right) + i for i in range(len(wrong))}, done.stdout

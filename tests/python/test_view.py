@@ -49,7 +49,7 @@ def is_served(url):
 
 
 def is_gone(url):
-    """Within a time in which any machine should have ended a program."""
+    """Waits as long as any machine should need to end a program."""
     deadline = time.monotonic() + 30
     while is_served(url) and time.monotonic() < deadline:
         time.sleep(0.05)
@@ -108,7 +108,7 @@ def test_a_view_ends_with_its_block_and_when_nothing_refers_to_it(store):
 
 
 def run(script, **more):
-    """A Python that runs this; its standard output is a pipe."""
+    """A Python process that runs this code; its standard output is a pipe."""
     return subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], stdin=subprocess.PIPE, text=True,
                             stdout=subprocess.PIPE, **more)
 
@@ -233,7 +233,7 @@ def test_arguments_that_make_no_sense_are_value_errors(store):
 
 
 def fake(path, *lines):
-    """A program that is none, in the shell's language."""
+    """A shell script in place of the program."""
     path.parent.mkdir(exist_ok=True)
     path.write_text("\n".join(["#!/bin/sh", *lines, ""]))
     path.chmod(0o755)
@@ -241,7 +241,7 @@ def fake(path, *lines):
 
 
 def says(path):
-    """A program that names itself as the page and goes on until it is ended."""
+    """A program that prints a URL with its own name as that of the page, and runs until it is ended."""
     return fake(path, f'echo \'{{"url": "http://{path.parent.name}/"}}\'', "exec sleep 600")
 
 

@@ -1,6 +1,4 @@
-// Extractions whose traversals ranks share: the bytes and the figures of one process.
-#include "query/extract/extract_on_ranks.h"
-
+// Extractions whose traversals are shared by ranks: the same bytes and report as one process.
 #include <algorithm>
 #include <atomic>
 #include <catch2/catch.hpp>
@@ -11,6 +9,7 @@
 #include <isonest/extract.h>
 #include <isonest/mesh_file.h>
 
+#include "query/extract/extract_shared.h"
 #include "tests/support/test_support.h"
 #include "tests/support/thread_ranks.h"
 
@@ -60,7 +59,8 @@ Extracted on_ranks(int count, const Store& store, const Query& query, const char
     return e;
 }
 
-/// REQUIRES: the bricks of `e` are those of `expected`, or some more that a border passes through.
+/// REQUIRES: the bricks of `e` are those of `expected`, plus possibly some that a border between
+/// ranks crosses.
 void require_same_report(const ExtractReport& e, const ExtractReport& expected) {
     CHECK(e.vertices == expected.vertices);
     CHECK(e.triangles == expected.triangles);
@@ -117,13 +117,15 @@ PreprocessOptions chunk_8() {
 SurfaceQuery surface(double iso, double error = 0) {
     SurfaceQuery query;
     query.iso = iso;
-    query.stop = ErrorBound{error, false, Guarantee::deviation};
+    query.stop = ErrorBound{error, false, ErrorIndicator::deviation};
+    query.effort = Effort::none;
+    query.grid.cells = Cells::tetrahedra;
     return query;
 }
 
 }  // namespace
 
-TEST_CASE("ranks give the bytes of one process, at full resolution and within errors") {
+TEST_CASE("ranks write the bytes of one process, at full resolution and within errors") {
     const Made<float> made({67, 50, 41}, waves, chunk_8());
     for (const double error : {0.0, 0.05, 0.3, 1.5}) {
         CAPTURE(error);
@@ -161,7 +163,7 @@ TEST_CASE("meshes that need no stage are welded and written by all ranks") {
     CHECK(moved.report.apart.moved > 0);
     CHECK(std::all_of(moved.work.begin(), moved.work.end(),
                       [](const RankWork& w) { return w.written_triangles > 0; }));
-    // Text, components and one rank alone.
+    // Text, components and a single rank.
     CHECK(meshes(on_ranks(3, *made.store, surface(0.2), ".obj")) == 0);
     SurfaceQuery components = surface(0.2);
     components.stages.components = ComponentChoice{};
@@ -170,7 +172,7 @@ TEST_CASE("meshes that need no stage are welded and written by all ranks") {
     CHECK(meshes(on_ranks(1, *made.store, surface(0.2))) == 0);
 }
 
-TEST_CASE("what all ranks write has the angles of one process") {
+TEST_CASE("a mesh that all ranks write has the angles of one process") {
     const Made<float> made({45, 60, 33}, waves, with_chunk(8));
     const auto quality = [&](const ExtractOptions& options) {
         const TemporaryFolder folder;
@@ -191,7 +193,7 @@ TEST_CASE("what all ranks write has the angles of one process") {
     CHECK(shared.narrow_share == expected.narrow_share);
 }
 
-TEST_CASE("ranks give the bytes of one process, whatever is asked for") {
+TEST_CASE("ranks write the bytes of one process, for all options") {
     const Made<float> made({45, 60, 33}, waves, chunk_8());
     const Store& store = *made.store;
     SurfaceQuery query = surface(0.2, 0.15);
@@ -217,7 +219,7 @@ TEST_CASE("ranks give the bytes of one process, whatever is asked for") {
         query.stop = ErrorBound{};
         require_same(store, query);
     }
-    SECTION("without what faces away") {
+    SECTION("without back faces") {
         query.grid.culling = BackfaceCulling{{1, 2, -1}, Field::grad_linf_plus};
         require_same(store, query);
         query.stop = ErrorBound{};
@@ -234,11 +236,13 @@ TEST_CASE("ranks give the bytes of one process, whatever is asked for") {
         require_same(store, query);
     }
     SECTION("within a distance") {
-        query.stop = DistanceBound{0.5, false, Effort::fast};
+        query.grid.cells.reset();
+        query.stop = DistanceBound{0.5};
+        query.effort = Effort::fast;
         require_same(store, query);
     }
     SECTION("a search for an error") {
-        query.stop = ErrorBudget{2000};
+        query.stop = TriangleBudgetByError{2000};
         require_same(store, query);
     }
     SECTION("an interval of the volume") {
@@ -281,7 +285,7 @@ TEST_CASE("ranks give the bytes of one process, whatever is asked for") {
     }
 }
 
-TEST_CASE("ranks give the bytes of one process for volumes of odd shapes") {
+TEST_CASE("ranks write the bytes of one process for volumes of odd shapes") {
     for (const Int3& n :
          {Int3{2, 2, 2}, Int3{3, 2, 70}, Int3{129, 3, 2}, Int3{1, 1, 40}, Int3{1, 50, 41},
           Int3{40, 33, 1}, Int3{9, 9, 9}, Int3{8, 8, 8}, Int3{17, 16, 15}}) {
@@ -297,7 +301,7 @@ TEST_CASE("ranks give the bytes of one process for volumes of odd shapes") {
     }
 }
 
-TEST_CASE("ranks give the bytes of one process where values are missing or the isovalue") {
+TEST_CASE("ranks write the bytes of one process beside missing values and through nodes") {
     const Made<float> holes(
         {40, 37, 30},
         [](const Int3& p) {
@@ -314,14 +318,14 @@ TEST_CASE("ranks give the bytes of one process where values are missing or the i
         require_same(*holes.store, surface(0.2, error / 5));
         require_same(*plateaus.store, surface(5, error));
     }
-    // Nothing there at all, and a constant volume.
+    // An empty surface, and a constant volume.
     require_same(*holes.store, surface(1000));
     const Made<float> flat(
         {20, 20, 20}, [](const Int3&) { return 1.0F; }, with_chunk(8));
     require_same(*flat.store, surface(1));
 }
 
-TEST_CASE("ranks share a store of a single brick, and hexahedra of single cells") {
+TEST_CASE("ranks share a store with a single brick, and hexahedra with single cells") {
     for (const Int3& n : {Int3{2, 2, 2}, Int3{20, 30, 25}}) {
         PreprocessOptions options = chunk_8();
         options.chunk = 64;
@@ -361,7 +365,7 @@ TEST_CASE("ranks share the work, and little memory changes no byte") {
     }
 }
 
-TEST_CASE("several isovalues at once are shared as well, and labels") {
+TEST_CASE("ranks also share several isovalues at once, and labels") {
     const Made<std::uint8_t> made(
         {40, 45, 38},
         [](const Int3& p) { return static_cast<std::uint8_t>(std::lround(10 + 3 * smooth(p))); },
@@ -398,8 +402,8 @@ TEST_CASE("several isovalues at once are shared as well, and labels") {
 
 namespace {
 
-/// Three ranks, of which `failing` is cancelled when `Stopping` says so: all are, and nothing is
-/// left.
+/// Three ranks, of which `failing` is cancelled when `Stopping` says so: all are cancelled, and no
+/// file is left.
 template <class Stopping>
 void require_all_cancelled(const Made<float>& made, int failing) {
     const TemporaryFolder folder;
@@ -428,7 +432,7 @@ void require_all_cancelled(const Made<float>& made, int failing) {
 
 }  // namespace
 
-TEST_CASE("a rank that fails ends all, and no file is left") {
+TEST_CASE("a rank that fails ends all ranks, and no file is left") {
     const Made<float> made({67, 50, 41}, waves, with_chunk(8));
     /// Stops one rank in the middle of its traversal.
     class Stops : public Progress {
@@ -445,9 +449,9 @@ TEST_CASE("a rank that fails ends all, and no file is left") {
     }
 }
 
-TEST_CASE("a rank that fails while all write ends all, and no file is left") {
+TEST_CASE("a rank that fails while all ranks write ends all, and no file is left") {
     const Made<float> made({67, 50, 41}, waves, with_chunk(8));
-    /// Stops one rank once it writes.
+    /// Stops one rank once it is writing.
     class StopsWriting : public Progress {
       public:
         explicit StopsWriting(bool ever) : ever_(ever) {}
@@ -465,7 +469,7 @@ TEST_CASE("a rank that fails while all write ends all, and no file is left") {
     }
 }
 
-TEST_CASE("a rank that sees another store says so") {
+TEST_CASE("a rank that opens a different store reports it") {
     const Made<float> made({30, 30, 30}, waves, with_chunk(8));
     const Made<float> other({30, 30, 31}, waves, with_chunk(8));
     const TemporaryFolder folder;
@@ -481,6 +485,6 @@ TEST_CASE("a rank that sees another store says so") {
                 {kAmple, 1, {}}, silent_progress());
         });
     };
-    CHECK_THROWS_WITH(run(), Catch::Contains("another store"));
+    CHECK_THROWS_WITH(run(), Catch::Contains("a different store"));
     CHECK(folder.names().empty());
 }

@@ -1,4 +1,4 @@
-// Vertex numbers of a mesh whose parts several ranks have, compared with those of Weld.
+// Vertex numbers of a mesh whose parts are on several ranks, compared with those of Weld.
 #include "query/ranks/rank_weld.h"
 
 #include <algorithm>
@@ -9,7 +9,7 @@
 #include <random>
 #include <vector>
 
-#include "query/march/vertex_key.h"
+#include "query/march/mesh_part.h"
 #include "query/mesh/part_store.h"
 #include "query/mesh/weld.h"
 #include "tests/support/test_support.h"
@@ -21,7 +21,7 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// A part and its place among all.
+/// A part and its position in the order of all parts.
 struct OrderedPart {
     std::uint64_t order = 0;
     MeshPart part;
@@ -37,7 +37,8 @@ std::uint32_t add_vertex(MeshPart& part) {
     return static_cast<std::uint32_t>(part.positions.size() - 1);
 }
 
-/// An element with these names of a vertex of the mesh; `has_vertex`: else it links the names.
+/// Adds an element with these names of a vertex of the mesh. If `has_vertex`, it contains the
+/// vertex, otherwise it only links the names.
 std::uint32_t add_shared(MeshPart& part, std::uint64_t vertex,
                          const std::vector<std::uint64_t>& names, bool has_vertex = true) {
     const auto element = static_cast<std::uint32_t>(part.shared.size());
@@ -91,7 +92,7 @@ struct Numbered {
     std::uint64_t first_triangle = 0;
     bool operator==(const Numbered&) const = default;
 };
-/// Of each part, by its order.
+/// The numbers of each part, by its order.
 using Numbers = std::map<std::uint64_t, Numbered>;
 
 void fill(PartStore& store, const Parts& parts, const std::vector<int>& rank_of, int rank) {
@@ -120,7 +121,7 @@ Numbers numbers_of(const PartStore& store, const VertexNumbers& weld) {
 
 Numbers by_one(const Parts& parts) {
     const TemporaryFolder folder;
-    PartStore store(folder.path(), {1, 1, 1}, {}, 1U << 20U);
+    PartStore store(folder.path(), {}, {}, 1U << 20U);
     fill(store, parts, {}, -1);
     return numbers_of(store, Weld(store, folder.path()));
 }
@@ -130,7 +131,7 @@ Numbers by_ranks(int size, const Parts& parts, const std::vector<int>& rank_of) 
     Numbers all;
     std::mutex mutex;
     isonest::test::ThreadRanks(size).run([&](Communicator& ranks) {
-        PartStore store(folder.path(), {1, 1, 1}, {}, 1U << 20U);
+        PartStore store(folder.path(), {}, {}, 1U << 20U);
         fill(store, parts, rank_of, ranks.rank());
         const RankWeld weld(ranks, store, folder.path());
         const std::lock_guard lock(mutex);
@@ -156,13 +157,14 @@ TEST_CASE("ranks number vertices as one process does") {
             CAPTURE(size);
             CHECK(by_ranks(size, parts, rank_of) == expected);
         }
-        // One rank has all, and the others nothing.
+        // One rank has all parts, and the others none.
         CHECK(by_ranks(4, parts, std::vector<int>(parts.size(), 2)) == expected);
     }
 }
 
-TEST_CASE("a vertex is one if its parts are linked over many ranks") {
-    // Part i has the names i and i + 1, so that the first and the last know each other by all.
+TEST_CASE("a vertex whose parts are linked across many ranks gets one number") {
+    // Part i has the names i and i + 1, so that the first and the last are linked through all
+    // others.
     constexpr int kParts = 9;
     Parts parts;
     for (int i = 0; i < kParts; ++i) {
@@ -182,6 +184,6 @@ TEST_CASE("a vertex is one if its parts are linked over many ranks") {
     CHECK(by_ranks(3, parts, {0, 1, 2, 0, 1, 2, 0, 1, 2}) == expected);
 }
 
-TEST_CASE("ranks without any part have a mesh of nothing") {
+TEST_CASE("ranks without parts have an empty mesh") {
     CHECK(by_ranks(3, {}, {}).empty());
 }

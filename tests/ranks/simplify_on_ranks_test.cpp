@@ -1,4 +1,4 @@
-// Extractions whose meshes ranks simplify together: the bytes of one process.
+// Extractions whose meshes are simplified by several ranks: the same bytes as one process.
 #include <catch2/catch.hpp>
 #include <functional>
 
@@ -6,7 +6,7 @@
 #include <isonest/labels.h>
 #include <isonest/mesh_file.h>
 
-#include "query/extract/extract_on_ranks.h"
+#include "query/extract/extract_shared.h"
 #include "tests/support/test_support.h"
 #include "tests/support/thread_ranks.h"
 
@@ -73,7 +73,7 @@ void require_same_simplified(const Store& store, const ExtractInto& extract_into
             REQUIRE(work.mapped_triangles > 0);
             mapped += work.mapped_triangles;
         }
-        // Of all passes, whoever mapped.
+        // The sum over all passes is the same for any assignment of blocks to ranks.
         REQUIRE(mapped > report.distance->full_triangles);
         REQUIRE((triangles == 0 || mapped == triangles));
         triangles = mapped;
@@ -96,19 +96,22 @@ TEST_CASE("ranks simplify a surface within a distance, or to a number of triangl
         return extract(store, query, sink, options);
     };
     SECTION("within a distance") {
-        query.stop = DistanceBound{0.5, false, Effort::fast};
+        query.stop = DistanceBound{0.5};
+        query.effort = Effort::fast;
         require_same_simplified(store, surface);
         require_same_simplified(store, surface, std::uint64_t{48} << 20U);
     }
     SECTION("within a distance, in a closed box, with normals") {
-        query.stop = DistanceBound{0.8, false, Effort::fast};
+        query.stop = DistanceBound{0.8};
+        query.effort = Effort::fast;
         query.box = WorldBox{{3.3, 4.1, 2.7}, {121.2, 89.9, 62.5}};
         query.stages.close = Outside::below;
         query.attributes.normals = true;
         require_same_simplified(store, surface);
     }
     SECTION("to a number of triangles") {
-        query.stop = TriangleBudget{20000, {}, Effort::fast};
+        query.stop = TriangleBudgetByDistance{20000};
+        query.effort = Effort::fast;
         require_same_simplified(store, surface);
     }
 }
@@ -125,7 +128,8 @@ TEST_CASE("ranks simplify smooth labels together") {
     query.stages.close = Outside::below;
     for (const bool keeps : {false, true}) {
         query.smooth->keep_nodes = keeps;
-        query.stop = DistanceBound{0.6, false, Effort::fast};
+        query.stop = DistanceBound{0.6};
+        query.effort = Effort::fast;
         require_same_simplified(store, [&](const ExtractOptions& options, MeshSink& sink) {
             return extract_interfaces(
                 store, find_labels(store), query, sink, [](const LabelInterface&) {}, options,

@@ -1,5 +1,5 @@
-// Reads ranges of a URL and compares them with a local file, as lines of JSON on standard input
-// say; answers each with a line. Errors are answers, too.
+// Reads ranges of a URL and compares them with a local file, controlled by lines of JSON on
+// standard input; answers each line with a line. Errors are answers, too.
 //
 //     {"do": "open", "url": URL, "file": PATH, ...}    the options: see options_of()
 //     {"do": "want", "ranges": [[offset, size], ...]}
@@ -7,7 +7,7 @@
 //     {"do": "forget", "ranges": [[offset, size], ...]}
 //     {"do": "random", "reads": N, "threads": N, "seed": N, "most": BYTES}   opens again after
 //     errors
-//     {"do": "cancel", "after_ms": N}                  for the reads that follow
+//     {"do": "cancel", "after_ms": N}                  for the following reads
 //     {"do": "counts"}, {"do": "close"}
 //
 // usage: isonest_fetch_ranges
@@ -30,8 +30,8 @@
 
 #include <isonest/error.h>
 
-#include "store/bytes/file_bytes.h"
-#include "store/remote/open_url.h"
+#include "store/bytes/store_bytes.h"
+#include "store/remote/open_location.h"
 #include "tools/cli/terminal/remedies.h"
 
 namespace {
@@ -46,10 +46,10 @@ Json said(const Error& error) {
     return cli::json_of(error, [](const std::string& /*option*/) { return true; });
 }
 
-/// Ranges as they were kept, for the states of objects that were seen.
+/// Cached ranges, as they were kept, for each known state of an object.
 class MemoryCache : public RangeCache {
   public:
-    /// How long it takes to keep a range, or to load one.
+    /// Sets how long it takes to keep a range, and to load one.
     void be_slow(std::chrono::milliseconds keeping, std::chrono::milliseconds loading) {
         keeping_ = keeping;
         loading_ = loading;
@@ -69,7 +69,7 @@ class MemoryCache : public RangeCache {
         }
         return std::nullopt;
     }
-    /// Without memory it can load nothing.
+    /// Without memory, it cannot load anything.
     void set_memory(bool has_memory) {
         const std::lock_guard lock(mutex_);
         has_memory_ = has_memory;
@@ -219,7 +219,7 @@ class Session {
                 {"cache_bytes", counts.cache_bytes}};
     }
 
-    /// All ranges, by several threads; each error once.
+    /// Reads all ranges, by several threads; reports each error once.
     Json read(const Json& command) {
         const std::vector<ByteRange> ranges = ranges_of(command);
         std::atomic<std::size_t> next{0};

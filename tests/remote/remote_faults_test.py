@@ -1,5 +1,5 @@
-"""What goes wrong between a command and a server ends in a clear error with its exit code, without an output, at once
-after Ctrl-C, and never shows a password, a query or a header.
+"""Failures between a command and a server give a clear error with its exit code and no output; Ctrl-C ends a wait at
+once; and no password, query or header is ever shown.
 
 usage: remote_faults_test.py ISONEST PLUGIN_FOLDER
 """
@@ -54,7 +54,7 @@ class Faults(unittest.TestCase):
         self.assertEqual([path.name for path in FOLDER.iterdir() if "out" in path.name], [])
 
     def failed(self, code, words, *arguments, **environment):
-        """The error, once it was shown to tell no secret."""
+        """The error, after checking that it contains no secret."""
         done = run(*arguments, "--json", **environment)
         self.assertEqual(done.returncode, code, done.stdout + done.stderr)
         error = json.loads(done.stdout)["error"]
@@ -77,7 +77,7 @@ class Faults(unittest.TestCase):
                     self.assertEqual(error["file"], server.url("s.isonest"))
 
     def test_what_fails_in_the_middle(self):
-        later = {"status:404": (3, "404"), "whole": (6, "asked for a part"), "etag": (6, "changed"), "wrong_bytes": (4, "damaged")}
+        later = {"status:404": (3, "404"), "whole": (6, "a range was requested"), "etag": (6, "changed"), "wrong_bytes": (4, "damaged")}
         for fault, (code, words) in later.items():
             with self.subTest(fault=fault), RangeServer(
                     FOLDER, fault_of=lambda number, *_, fault=fault: fault if number > 1 else None) as server:
@@ -100,8 +100,8 @@ class Faults(unittest.TestCase):
                                "--cache", cache)
                     self.assertEqual(done.returncode, 0, done.stdout)
                     self.assertEqual((FOLDER / "mesh.ply").read_bytes(), truth, state)
-                # Nothing wrong was kept. (What was found to be wrong before the rest of its request had come is not kept at all, so
-                # that the second run may have to fetch it.)
+                # Nothing wrong was cached. (Data found to be wrong before the rest of their request arrived are not
+                # cached at all, so that the second run may have to fetch them.)
                 self.assertEqual(json.loads(done.stdout)["remote"]["requests"], 1)
 
     def test_what_passes_is_tried_again(self):
@@ -110,7 +110,7 @@ class Faults(unittest.TestCase):
             done = run("extract", server.url("s.isonest"), "--iso", "120", "--error", "3", "-o", "mesh.ply", "--json")
             self.assertEqual(done.returncode, 0, done.stdout)
             remote = json.loads(done.stdout)["remote"]
-            # libcurl itself sends a request again that a kept connection did not take.
+            # libcurl itself repeats a request that a kept connection did not accept.
             self.assertLessEqual(remote["requests"], server.requests)
             self.assertGreater(remote["requests"], server.requests // 2)
         run("extract", "s.isonest", "--iso", "120", "--error", "3", "-o", "local.ply")
@@ -124,11 +124,12 @@ class Faults(unittest.TestCase):
         with RangeServer(FOLDER) as server:
             url = server.url("s.isonest", f"me:{SECRET}@")
         self.failed(6, "check the URL", "extract", url, *EXTRACT)
-        self.failed(2, "names no host", "info", f"https://me:{SECRET}@/x?{SECRET}")
+        self.failed(2, "has no host", "info", f"https://me:{SECRET}@/x?{SECRET}")
 
     def test_what_is_no_store(self):
         with RangeServer(FOLDER) as server:
-            self.failed(4, "not a store", "info", server.url("page.html"))
+            self.failed(4, "not a store", "check", server.url("page.html"))
+            self.failed(5, "web page", "info", server.url("page.html"))
             self.failed(5, "web page", "extract", server.url("page.html"), *EXTRACT)
 
     def test_a_certificate_that_is_not_trusted(self):
@@ -149,7 +150,7 @@ class Faults(unittest.TestCase):
                 self.assertEqual(done.returncode, 0, done.stderr)
                 self.assertNotIn(SECRET, done.stdout + done.stderr)
             (FOLDER / "out.ply").unlink()
-            # A header is for the server of INPUT alone.
+            # A header is only sent to the server of INPUT.
             self.failed(6, "403", "extract", url, *EXTRACT, "--vertex-values", other.url("s.isonest"), "--header",
                         f"X-Token: {SECRET}")
             done = run("extract", url, *EXTRACT, "--vertex-values", url, "--header", f"X-Token: {SECRET}")
@@ -175,7 +176,7 @@ class Faults(unittest.TestCase):
                         **{**keys, "AWS_SECRET_ACCESS_KEY": "other"})
 
     def test_a_cache_that_takes_nothing_changes_no_answer_and_is_said(self):
-        """On a full disk, where the file system lets files grow no further, and in a folder of somebody else."""
+        """On a full disk, on a file system that lets files grow no further, and in a folder of another user."""
         def counted(url, *options, code=0, **how):
             done = subprocess.run([ISONEST, "info", url, "--histogram", "--json", *options], cwd=FOLDER, env=ENVIRONMENT,
                                   capture_output=True, text=True, timeout=200, **how)
@@ -215,7 +216,7 @@ class Faults(unittest.TestCase):
                 for turn in range(2):
                     with self.subTest(folder=folder.name, turn=turn):
                         if folder == foreign:
-                            # No folder can be made there: that is an error, as it is with any other output.
+                            # No folder can be made there: that is an error, as for any other output.
                             error = counted(url, "--cache", folder / "c", code=6, **how)["error"]
                             self.assertIn(str(folder / "c"), error["file"])
                             continue
@@ -231,8 +232,8 @@ class Faults(unittest.TestCase):
             self.failed(2, words, "info", "https://127.0.0.1:1/x", "--header", header)
         self.failed(3, "none", "info", "https://127.0.0.1:1/x", "--header", "@none")
         self.failed(2, "--cache", "info", "https://127.0.0.1:1/x", "--cache", "")
-        # What the parser of the command line says, too.
-        self.failed(2, "", "info", "s.isonest", f"https://me:{SECRET}@127.0.0.1/x?{SECRET}")
+        # The same for messages of the command line's parser.
+        self.failed(2, "", "check", "s.isonest", f"https://me:{SECRET}@127.0.0.1/x?{SECRET}")
 
     def test_ctrl_c_ends_a_wait_at_once(self):
         for first_silent in (1, 2):

@@ -1,5 +1,5 @@
-// What reading of objects elsewhere is made of, without a network: URLs and who signs, what answers
-// mean, when to try again, which requests fetch a set of ranges, and what is kept in memory.
+// Parts of reading remote objects, without a network: URLs and signatures, the meaning of answers,
+// retries, which requests fetch a set of ranges, and what is kept in memory.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <chrono>
@@ -18,11 +18,9 @@
 #include <isonest/error.h>
 
 #include "store/remote/answer.h"
-#include "store/remote/background.h"
-#include "store/remote/extents.h"
-#include "store/remote/join_ranges.h"
+#include "store/remote/fetch_loop.h"
 #include "store/remote/object_url.h"
-#include "store/remote/retry.h"
+#include "store/remote/ranges.h"
 
 using namespace isonest;
 using namespace isonest::detail;
@@ -73,7 +71,7 @@ bool are_same(const std::vector<ByteRange>& a, const std::vector<ByteRange>& b) 
 
 }  // namespace
 
-TEST_CASE("a URL's name has no userinfo, query or fragment; what is asked for has") {
+TEST_CASE("a URL's name has no userinfo, query or fragment; its request has the query") {
     const ObjectUrl url = parsed_url("HTTPS://me%40x:p%3aw@Host.org:8443/a b/ü.isonest?sig=1#part");
     CHECK(url.name == "https://Host.org:8443/a b/ü.isonest");
     CHECK(url.request == "https://Host.org:8443/a%20b/%C3%BC.isonest?sig=1");
@@ -110,7 +108,7 @@ TEST_CASE("a URL's name has no userinfo, query or fragment; what is asked for ha
     }
 }
 
-TEST_CASE("an s3 URL leads to Amazon or to the endpoint, with the keys of the environment") {
+TEST_CASE("an s3 URL refers to Amazon or the endpoint, with the keys of the environment") {
     CHECK(parsed_url("s3://bucket/a b?c").request == "https://bucket.s3.amazonaws.com/a%20b%3Fc");
     CHECK(parsed_url("s3://bucket/a", {{"AWS_DEFAULT_REGION", "eu-1"}}).request ==
           "https://bucket.s3.eu-1.amazonaws.com/a");
@@ -129,7 +127,7 @@ TEST_CASE("an s3 URL leads to Amazon or to the endpoint, with the keys of the en
     CHECK_THROWS_AS(parsed_url("s3://bucket/a", {{"AWS_ENDPOINT_URL", "localhost"}}), Error);
 }
 
-TEST_CASE("a query tells objects apart, the signature in it does not") {
+TEST_CASE("a query distinguishes objects, but a signature in it does not") {
     CHECK(query_without_signature("http://h/x").empty());
     CHECK(query_without_signature("http://h/x?").empty());
     CHECK(query_without_signature("http://h/x?file=a&&n=1#b?c") == "file=a&n=1");
@@ -138,7 +136,7 @@ TEST_CASE("a query tells objects apart, the signature in it does not") {
     CHECK(query_without_signature("http://h/x?Expires=1&Signature=2&Key-Pair-Id=3&v") == "v");
 }
 
-TEST_CASE("servers are the same by scheme, host and port") {
+TEST_CASE("servers are equal if scheme, host and port are") {
     CHECK(origin_of("https://Host/a") == origin_of("https://host:443/b?c"));
     CHECK(origin_of("http://h/a") == "http://h:80");
     CHECK(origin_of("https://h") != origin_of("http://h:443"));
@@ -148,7 +146,7 @@ TEST_CASE("servers are the same by scheme, host and port") {
     CHECK(origin_of("http://h.evil/x") != origin_of("http://h/x"));
 }
 
-TEST_CASE("a Content-Range is of its form or none") {
+TEST_CASE("an invalid Content-Range is rejected") {
     const auto content = parse_content_range("bytes 10-19/100");
     REQUIRE(content);
     REQUIRE(content->range);
@@ -166,7 +164,7 @@ TEST_CASE("a Content-Range is of its form or none") {
     }
 }
 
-TEST_CASE("an answer is what was asked for, or says why not") {
+TEST_CASE("an answer is either what was requested, or the error says why not") {
     const Asked asked{{10, 10}, 0};
     const Validators opened{"\"a\"", "yesterday", 100};
     const std::string ok = "HTTP/1.1 206 Partial Content";
@@ -174,7 +172,7 @@ TEST_CASE("an answer is what was asked for, or says why not") {
     CHECK(verdict_of({ok, etag, "Content-Range: bytes 10-19/100"}, asked, &opened) ==
           Verdict::part);
     CHECK(verdict_of({ok, etag, "content-range: bytes 10-15/*"}, asked, &opened) == Verdict::part);
-    // Only the last answer counts.
+    // Only the last header block counts.
     CHECK(verdict_of({"HTTP/1.1 103 Early Hints", "Content-Range: x", ok, etag,
                       "Content-Range: bytes 10-19/100"},
                      asked, &opened) == Verdict::part);
@@ -216,7 +214,7 @@ TEST_CASE("an answer is what was asked for, or says why not") {
         CHECK(judgement.verdict == Verdict::failed);
         CHECK(judgement.failure == FailureClass::final);
     }
-    // At opening, the end is asked for.
+    // At opening, the end of the object is requested.
     const Asked end{{}, 20};
     CHECK(verdict_of({ok, "Content-Range: bytes 80-99/100"}, end, nullptr) == Verdict::part);
     CHECK(verdict_of({ok, "Content-Range: bytes 0-9/10"}, end, nullptr) == Verdict::part);
@@ -230,7 +228,7 @@ TEST_CASE("an answer is what was asked for, or says why not") {
     CHECK(verdict_of({"HTTP/2 416", "Content-Range: bytes */*"}, end, nullptr) == Verdict::failed);
 }
 
-TEST_CASE("waits grow, with jitter, and end") {
+TEST_CASE("waits between retries grow, with jitter, and end") {
     const RetryPolicy policy{5, 2, 100ms, 300ms, 10s};
     const RetryState::Clock::time_point start{};
     for (std::uint32_t seed = 1; seed < 50; ++seed) {
@@ -256,12 +254,12 @@ TEST_CASE("waits grow, with jitter, and end") {
     }
 }
 
-TEST_CASE("ranges are joined across the smallest gaps, as far as the waste allows") {
+TEST_CASE("ranges are joined across the smallest gaps, up to the maximum waste") {
     const auto always = [](const ByteRange&) { return true; };
     const JoinLimits limits{100, 1000, 5};
     CHECK(are_same(ranges_of(join_ranges({{0, 40}, {40, 40}, {90, 40}}, limits, always)),
                    {{0, 130}}));
-    // 30 of 150 are a fifth, 31 of 151 more.
+    // 30 of 150 are a fifth, 31 of 151 are more.
     CHECK(are_same(ranges_of(join_ranges({{0, 60}, {90, 60}}, limits, always)), {{0, 150}}));
     CHECK(
         are_same(ranges_of(join_ranges({{0, 60}, {91, 60}}, limits, always)), {{0, 60}, {91, 60}}));
@@ -308,7 +306,7 @@ TEST_CASE("ranges are joined across the smallest gaps, as far as the waste allow
     }
 }
 
-TEST_CASE("work in the background is done in order, as much of it as may wait") {
+TEST_CASE("background work is done in order, up to the limit of the queue") {
     std::mutex mutex;
     std::vector<int> done;
     std::condition_variable changed;
@@ -325,7 +323,7 @@ TEST_CASE("work in the background is done in order, as much of it as may wait") 
                 }
             });
         };
-        CHECK(add(1, 1000));  // more than may wait, but alone
+        CHECK(add(1, 1000));  // more than the limit, but nothing else is queued
         CHECK_FALSE(add(9, 1));
         {
             const std::lock_guard lock(mutex);
@@ -362,11 +360,12 @@ TEST_CASE("work in the background is done in order, as much of it as may wait") 
         });
     }
     release.join();
-    // What was under way was waited for; what had not been begun was let go.
+    // The running work was waited for; work that had not started was dropped.
     CHECK(done == std::vector<int>{1, 2, 4});
 }
 
-TEST_CASE("extents know what is absent, and drop what was used least recently and nobody holds") {
+TEST_CASE(
+    "extents know the missing ranges, and drop the least recently used ones that are not held") {
     Extents extents(100);
     CHECK(are_same(extents.absent({5, 10}), {{5, 10}}));
     const auto add = [&](std::uint64_t offset, std::uint64_t size) {
@@ -384,23 +383,23 @@ TEST_CASE("extents know what is absent, and drop what was used least recently an
     CHECK(extents.use({40, 10}).empty());
     CHECK(extents.alive() == 80);
 
-    CHECK(extents.use({50, 1}).size() == 1);  // so 70 is the older one
+    CHECK(extents.use({50, 1}).size() == 1);  // so that the one at 70 is older
     CHECK(extents.make_room(40));
     CHECK(extents.alive() == 50);
     CHECK(are_same(extents.absent({0, 100}), {{0, 10}, {40, 10}, {70, 30}}));
-    CHECK_FALSE(extents.make_room(80));  // what is held stays
+    CHECK_FALSE(extents.make_room(80));  // extents that are held stay
     CHECK(are_same(extents.absent({0, 100}), {{0, 10}, {40, 60}}));
     extents.erase(*held);
     CHECK(extents.alive() == 30);
     held.reset();
     CHECK(extents.alive() == 0);
 
-    // What has been read goes first, though it was used last.
+    // An extent that has been read is dropped first, even if it was used last.
     add(0, 60)->unread = 1;
     add(70, 30);
     CHECK(extents.make_room(20));
     CHECK(are_same(extents.absent({0, 100}), {{60, 40}}));
-    // For what is only announced, nothing unread is dropped that was announced with it or before.
+    // For a mere prefetch, no unread extent is dropped that was prefetched with it or before.
     CHECK_FALSE(extents.make_room_for_hint(50, 0));
     CHECK_FALSE(extents.make_room_for_hint(50, 1));
     CHECK(extents.make_room_for_hint(50, 2));
@@ -408,6 +407,6 @@ TEST_CASE("extents know what is absent, and drop what was used least recently an
     extents.erase(*replaced);
     replaced->count_no_more();
     CHECK(extents.alive() == 0);
-    extents.insert({200, 90});  // on its way
+    extents.insert({200, 90});  // still being fetched
     CHECK_FALSE(extents.make_room(20));
 }

@@ -1,5 +1,5 @@
-"""Every command gives of a store at a URL what it gives of the file: the same bytes, the same report; and says what was
-fetched, as the server counts it. With one thread and several, with a cache on disk that is empty, full and damaged.
+"""Every command gives the same for a store at a URL as for the file: the same bytes, the same report; and it reports
+what was fetched, as the server counts it. With one thread and several, with an empty, full and damaged cache on disk.
 
 usage: remote_queries_test.py ISONEST PLUGIN_FOLDER
 """
@@ -25,11 +25,11 @@ ENVIRONMENT = {name: value for name, value in os.environ.items()
                if not name.startswith(("AWS_", "SSL_CERT", "CURL_")) and not name.lower().endswith("_proxy")}
 ENVIRONMENT["HOME"] = str(FOLDER)
 FETCHED = {"remote_bytes", "requests", "round_trips", "cache_bytes"}
-# Times, names, and what depends on how many chunks are held while others come.
+# Times, names, and counts that depend on how many chunks are held while others arrive.
 VARIES = {"seconds", "peak_cache_bytes", "remote", "store", "mesh", "output", "folder", "analysis_file", "analyses",
           "scratch_bytes"}
-READ = ("chunks_read", "bytes_read")  # of a store elsewhere a few more, which were announced and not needed
-# A command with the end of its output's name; a folder where it is "/".
+READ = ("chunks_read", "bytes_read")  # a few more for a remote store, which were prefetched and not needed
+# A command and the extension of its output; "/" is a folder.
 QUERIES = {
     "bucky": [
         ("info", ""), ("info --histogram", ""), ("info --histogram -o {}", ".svg"),
@@ -74,7 +74,7 @@ def report(*arguments):
 
 
 def contents(path):
-    """Of a file, or of all below a folder."""
+    """The content of a file, or of all files below a folder."""
     files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path] if path.exists() else []
     return {file.relative_to(path).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
 
@@ -85,7 +85,7 @@ def removed(path):
 
 
 def stripped(value):
-    """Without what may differ."""
+    """The report without fields that may differ."""
     if isinstance(value, dict):
         return {key: stripped(part) for key, part in value.items()
                 if key not in VARIES and key not in READ and "remote" not in key}
@@ -93,7 +93,7 @@ def stripped(value):
 
 
 def ask(query, ending, location, *options):
-    """What a query reports and writes."""
+    """The report of a query, and what it writes."""
     command, *words = query.split()
     output = FOLDER / ("out" + ending.rstrip("/"))
     removed(output)
@@ -141,7 +141,7 @@ class Queries(unittest.TestCase):
         self.assertEqual(set(remote), FETCHED, query)
         others = said.get("remote_values", dict.fromkeys(FETCHED, 0))
         self.assertEqual(remote["requests"] + others["requests"], self.server.requests - requests, query)
-        # What is on its way at the end, asked for ahead, has not been counted here.
+        # Prefetched data still on the way at the end are not included here.
         self.assertLessEqual(remote["remote_bytes"] + others["remote_bytes"], self.server.bytes - size, query)
         self.assertGreaterEqual(remote["remote_bytes"] + others["remote_bytes"], 0.9 * (self.server.bytes - size), query)
         self.assertLessEqual(1, remote["round_trips"], query)
@@ -158,9 +158,9 @@ class Queries(unittest.TestCase):
                     self.assertEqual(bool(ending), bool(bytes_of_file))
                     for options in ([], ["--threads", "1"]):
                         if options and query.startswith("export"):
-                            continue  # it has none
+                            continue  # it has no --threads
                         if options and query == "info":
-                            continue  # it goes with --histogram
+                            continue  # --threads requires --histogram
                         remote, bytes_of_url = self.counted(query, ending, url, *options)
                         self.assertEqual(bytes_of_url, bytes_of_file, options)
                         self.assertEqual(stripped(remote), stripped(local), options)
@@ -175,7 +175,7 @@ class Queries(unittest.TestCase):
                                                  for y in range(edge) for x in range(edge)))
         report("preprocess", "cells.raw", "--dims", f"{edge},{edge},{edge}", "--type", "uint8", "--labels", "--chunk", "8",
                "-o", "cells.isonest")
-        # The end of the file, pages of the table, ranges of cubes, chunks; and what is asked for after a first look.
+        # The end of the file, pages of the table, ranges of cubes, chunks; and requests that depend on them.
         for store, most, queries in (
                 ("fine", 3, [("info --histogram", ""), ("export --field values --level 0 -o {}", ".npy"),
                              ("export --field values --level 1 -o {}", ".npy"), ("export --field deviation_bar -o {}", ".npy")]),
@@ -188,12 +188,12 @@ class Queries(unittest.TestCase):
                     with self.subTest(store=store, query=query, options=options):
                         said, _ = ask(query, ending, self.server.url(f"{store}.isonest"), *options)
                         self.assertLessEqual(said["remote"]["round_trips"], most)
-                        self.assertGreater(said["remote"]["requests"], 4 * most)  # it is not all in what is read first
+                        self.assertGreater(said["remote"]["requests"], 4 * most)  # not everything is in the first read
 
     def test_a_cache_changes_no_answer_and_is_used(self):
         url, cache = self.server.url("bucky.isonest"), FOLDER / "cache"
         for query, ending in QUERIES["bucky"]:
-            # Two that keep the same block at a time may lose what one of them has added.
+            # Two processes that keep the same block at the same time may lose what one of them has added.
             if query.startswith(("check --source", "study", "smooth")) or "URL" in query:
                 continue
             with self.subTest(query=query):
@@ -212,13 +212,13 @@ class Queries(unittest.TestCase):
                     self.assertEqual(stripped(said), stripped(local), state)
                     remote = said["remote"]
                     if state in (warm, mended):
-                        # The end of the object, by which the server says what state it is in.
+                        # The end of the object, by which the server identifies its state.
                         self.assertEqual((remote["requests"], remote["round_trips"], remote["remote_bytes"]), (1, 1, 64), state)
                     else:
                         self.assertLess(remote["cache_bytes"], 1 + remote["remote_bytes"], state)
 
     def test_the_histogram_reads_ranges_that_traversals_leave_alone(self):
-        # Those of level 3 are more than 256 KiB, and what is announced more than the memory for it.
+        # Those of level 3 take more than 256 KiB, and the prefetched ones more than their share of the memory.
         report("make-volume", "bucky", "--size", "273", "-o", "large.h5")
         report("preprocess", "large.h5", "-o", "large.isonest")
         query = "info --histogram --level 2"

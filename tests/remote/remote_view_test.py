@@ -1,4 +1,4 @@
-"""isonest view of a store at a URL: the same meshes, few round trips to the first one, and an object that changes.
+"""isonest view of a store at a URL: the same meshes, few round trips until the first one, and an object that changes.
 
 usage: remote_view_test.py ISONEST PLUGIN_FOLDER
 """
@@ -62,7 +62,7 @@ class View:
 
 
 def without_times(message):
-    """A mesh as PROTOCOL.md says: what its header tells but the time, and the rest."""
+    """A mesh in the format of PROTOCOL.md: its header without the time, and the rest."""
     length = struct.unpack_from("<I", message, 8)[0]
     header = json.loads(message[16:16 + length])
     assert header.pop("seconds") >= 0
@@ -87,7 +87,7 @@ class RemoteView(unittest.TestCase):
                 for path, parameters in asked:
                     here, there = local.ask(path, **parameters), remote.ask(path, **parameters)
                     if path == "store":
-                        # A share of the memory is for what is fetched.
+                        # A part of the memory is reserved for fetched data.
                         here, there = ({key: value for key, value in json.loads(body).items()
                                         if key not in ("memory", "most_triangles", "first_error")} for _, body in (here, there))
                     elif here[1][:4] == there[1][:4] == b"ISOV":
@@ -116,7 +116,7 @@ class RemoteView(unittest.TestCase):
         with RangeServer(FOLDER, delay=0.02) as server, View("large.isonest") as local, \
                 View(server.url("large.isonest")) as remote:
             self.assertIsNone(json.loads(local.ask("store")[1])["first_error"])
-            # As the page asks: what is suggested, then the surface.
+            # As the page does: the suggestion, then the surface.
             store = json.loads(remote.ask("store")[1])
             self.assertGreater(store["first_error"], 0)
             self.assertLess(store["first_error"], 0.1 * store["max_value"])
@@ -132,11 +132,11 @@ class RemoteView(unittest.TestCase):
             self.assertGreater(header["triangles"], 1000)
             self.assertLessEqual(header["error_bound"], store["first_error"])
             self.assertEqual((header, rest), without_times(local.ask("surface", **asked)[1]))
-            # A slice likewise, and another isovalue, without anything more.
+            # Also a slice and another isovalue, without further round trips.
             self.assertEqual(remote.ask("slice", plane="0,0,1,128", error=store["first_error"], limit=30000)[0], 200)
             self.assertEqual(remote.ask("surface", **{**asked, "iso": asked["iso"] + 20})[0], 200)
             self.assertLessEqual(json.loads(remote.ask("status")[1])["remote"]["round_trips"], 2)
-            # Of a file, coarse says nothing.
+            # For a file, coarse has no effect.
             self.assertEqual(local.ask("histogram", coarse=1), local.ask("histogram"))
             self.assertEqual(local.ask("histogram", coarse=2)[0], 400)
 

@@ -1,9 +1,10 @@
-"""A volume in one object at a URL gives the store that the file gives, byte for byte, by few requests and hardly a byte
-twice; what goes wrong on the way ends in a clear error without an output; no secret is shown; and what an object names
-is never opened elsewhere than beside it.
+"""A volume in one object at a URL gives the same store as the file, byte for byte, with few requests and almost no byte
+fetched twice; failures on the way give a clear error without an output; no secret is shown; and files that an object
+names are never opened except next to it.
 
 usage: remote_volumes_test.py ISONEST PLUGIN_FOLDER
 """
+import base64
 import gzip
 import json
 import os
@@ -33,7 +34,7 @@ ENVIRONMENT = {name: value for name, value in os.environ.items()
                if not name.startswith(("AWS_", "SSL_CERT", "CURL_")) and not name.lower().endswith("_proxy")}
 ENVIRONMENT["HOME"] = str(FOLDER)
 SECRET = "s3cret"
-SHAPE = (100, 90, 80)  # [z, y, x]: 2.9 MB of float32, more than the window of the least memory
+SHAPE = (100, 90, 80)  # [z, y, x]: 2.9 MB of float32, more than the window with the minimum memory
 RAW = ["--dims", "80,90,100", "--type", "float32"]
 STORE = ["--chunk", "16", "--indicators", "deviation_bar"]
 
@@ -119,6 +120,10 @@ def make_files():
     write("apart.mhd", meta, "ElementDataFile = a.raw\n")
     write("a.mrc", mrc(values), data)
     write("a.vti", vti.format(""), struct.pack("<Q", len(data)), data, end)
+    inline = lambda kind, name, array: (f'<DataArray type="{kind}" Name="{name}" format="binary">\n'.encode() + base64.b64encode(  # noqa: E731
+        struct.pack("<Q", array.nbytes) + array.tobytes()) + b"\n</DataArray>\n")
+    head, behind = vti.format("").split("<DataArray")[0], "</PointData></Piece></ImageData></VTKFile>\n"
+    write("inline.vti", head, inline("Float64", "b", values.astype("f8")), inline("Float32", "a", values), behind)
     write("a.vtk", f"# vtk DataFile Version 3.0\nt\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS {nx} {ny} {nz}\n"
           f"ORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA {values.size}\nSCALARS a float 1\nLOOKUP_TABLE default\n",
           values.astype(">f4").tobytes())
@@ -145,14 +150,15 @@ def make_files():
         some[30:70, 10:60, 5:60] = values[30:70, 10:60, 5:60]
     return {"a.raw": RAW, "big.raw": RAW + ["--endian", "big"], "a.raw.gz": RAW, "a.nrrd": [], "gz.nrrd": [],
             "apart.nhdr": [], "a.nii": [], "a.nii.gz": [], "pair.hdr": [], "pair.img": [], "packed.hdr.gz": [],
-            "a.mha": [], "z.mha": [], "apart.mhd": [], "a.mrc": [], "a.vti": [], "a.vtk": [], "c.npy": [],
+            "a.mha": [], "z.mha": [], "apart.mhd": [], "a.mrc": [], "a.vti": [],
+            "inline.vti": ["--dataset", "a"], "a.vtk": [], "c.npy": [],
             "fortran.npy": [], "colours.npy": ["--index", ":,:,:,1"], "times.npy": ["--index", "1,:,:,:"],
             "plain.h5": [], "block.h5": [], "big.h5": [], "long.h5": [], "times.h5": ["--index", "1,:,:,:"],
             "gzip.h5": [], "none.h5": ["--dataset", "g/a"], "offset.h5": [], "holes.h5": []}
 
 
-# Of these, less or more than the object is read: one of several volumes, or two objects.
-PARTS = {"times.npy": 0.6, "times.h5": 0.6}
+# For these, less or more than the object is read: one of several volumes, or two objects.
+PARTS = {"times.npy": 0.6, "times.h5": 0.6, "inline.vti": 0.4}
 DATA_OF = {"apart.nhdr": "below/of a #b?.raw", "pair.hdr": "pair.img", "packed.hdr.gz": "packed.img.gz",
            "apart.mhd": "a.raw"}
 
@@ -204,13 +210,13 @@ class Volumes(unittest.TestCase):
                     self.assertEqual(far, local)
                     requests, fetched = server.requests - requests, server.bytes - fetched
                     remote = said["remote"]
-                    # A HDR's image, and an IMG's header, are looked for.
+                    # The image of an HDR, and the header of an IMG, are searched for.
                     self.assertEqual(remote["cache_bytes"], 0)
                     self.assertLessEqual(remote["requests"], requests)
                     self.assertLessEqual(requests, remote["requests"] + 4)
                     self.assertLessEqual(remote["round_trips"], remote["requests"])
                     size = PARTS.get(name, 1) * (FOLDER / DATA_OF.get(name, name)).stat().st_size
-                    # The ends come when the object is opened.
+                    # The ends are fetched when the object is opened.
                     self.assertLessEqual(fetched, 1.05 * size + (192 << 10), name)
                     self.assertLessEqual(requests, size / (200 << 10) + 24, name)
 
@@ -225,7 +231,7 @@ class Volumes(unittest.TestCase):
                 self.assertLess(server.bytes - before, most * (FOLDER / name).stat().st_size)
 
     def test_threads_memory_and_cache_change_nothing(self):
-        # What comes faster than a cache is written is not kept.
+        # Data that arrive faster than the cache is written are not kept.
         with RangeServer(FOLDER, rate=3e5 if is_sanitized(ISONEST) else 3e6) as server:
             for name, options in (("a.raw", RAW), ("gzip.h5", []), ("a.nii.gz", [])):
                 local, _ = self.store_of(name, *options)
@@ -266,7 +272,7 @@ class Volumes(unittest.TestCase):
             url = server.url("long.nrrd", f"me:{SECRET}@") + f"?key={SECRET}"
             stored, _ = self.store_of(url)
             self.assertNotIn(SECRET.encode(), stored)
-            # A run that is interrupted leaves files beside the store.
+            # A run that is interrupted leaves files next to the store.
             end = server.bytes + 8_000_000
             server.fault_of = lambda *_: "status:404" if server.bytes > end else None
             self.preprocess_fails(3, "what is done is kept", url, "--resume")
@@ -290,7 +296,8 @@ class Volumes(unittest.TestCase):
             self.preprocess_fails(2, "--dims", server.url("a.raw"))
 
     def test_scattered_numbers_are_not_read(self):
-        """A slab of planes lies in pieces of 256 bytes, 6400 bytes apart; the same within the window is read."""
+        """A slab of planes consists of pieces of 256 bytes, 6400 bytes apart; if they fit into the window, they are
+        read."""
         for sections, is_read in ((600, False), (100, True)):
             columns, rows = 4, 400
             head = bytearray(mrc(np.zeros((sections, rows, columns), np.float32)))
@@ -341,24 +348,24 @@ class Volumes(unittest.TestCase):
                 if trace:
                     self.assertRegex(trace.stderr, "open.*libhdf5")
                     self.assertNotRegex(trace.stderr, r"open(at)?\(.*(local\.bin|other\.h5)")
-            # Coordinates in another file are as if there were none.
+            # Coordinates in another file are ignored.
             local.unlink()
             said = report("preprocess", url, "--dataset", "scaled", "-o", "c.isonest", "--force")
             self.assertEqual(said["nodes"], [10, 10, 10])
 
     def test_faults(self):
-        later = {"status:404": (3, "404"), "status:403": (6, "403"), "whole": (6, "asked for a part"),
+        later = {"status:404": (3, "404"), "status:403": (6, "403"), "whole": (6, "a range was requested"),
                  "etag": (6, "changed"), "size": (6, "changed"), "status:503:0": (6, "503"), "short": (6, "")}
         for name in ("a.nrrd", "gzip.h5", "a.nii.gz"):
             for fault, (code, words) in later.items():
                 if fault in ("status:503:0", "short") and name != "a.nrrd":
-                    continue  # they take as long as something is tried again
+                    continue  # they take as long as the retries
                 with self.subTest(input=name, fault=fault), RangeServer(
                         FOLDER, fault_of=lambda number, *_, fault=fault: fault if number > 3 else None) as server:
                     self.preprocess_fails(code, words, server.url(name, f"me:{SECRET}@") + f"?key={SECRET}",
                                           "--header", f"X-Token: {SECRET}")
         with RangeServer(FOLDER, knows_ranges=False) as server:
-            self.preprocess_fails(5, "requests for a part", server.url("a.nrrd"))
+            self.preprocess_fails(5, "range requests", server.url("a.nrrd"))
         with RangeServer(FOLDER) as server:
             self.preprocess_fails(3, "404", server.url("not there.nrrd"))
 
@@ -399,7 +406,7 @@ class Volumes(unittest.TestCase):
                 far, said = self.store_of(server.url(name), "--resume")
                 self.assertEqual(far, local)
                 self.assertGreater(said["resumed_chunks"], 0)
-                if name != "long.nii.gz":  # a stream is read from its front
+                if name != "long.nii.gz":  # a stream is read from its start
                     self.assertLess(server.bytes - before, 0.85 * size)
 
     def test_another_object_is_not_resumed(self):

@@ -1,5 +1,5 @@
-"""Zarr at URLs: the store has the bytes that it has from a folder, each chunk is asked for once, only those that are
-needed, and what goes wrong ends in a clear error or in another try.
+"""Zarr at URLs: the store has the same bytes as from a folder, each chunk is requested once, only the required ones
+are, and failures give a clear error or a retry.
 
 usage: remote_zarr_test.py ISONEST PLUGIN_FOLDER
 """
@@ -61,14 +61,14 @@ def smooth(shape, kind="u2"):
 
 
 def asked(server):
-    """Requests for anything but descriptions: (path, range), each with how often."""
+    """Requests except those for metadata: {(path, range): number of requests}."""
     return collections.Counter((note["path"].partition("?")[0], note.get("range"))
                                for note in server.notes if "path" in note and
                                not note["path"].partition("?")[0].endswith(DESCRIPTIONS))
 
 
 def until_it_is_quiet(server):
-    """What a run that has ended had asked for may still be on its way."""
+    """Waits for requests of a finished run that are still on their way."""
     before = -1
     while before != server.requests:
         before = server.requests
@@ -85,7 +85,8 @@ class Case(unittest.TestCase):
             path.unlink()
 
     def same(self, *options, name="v.zarr", server_options=None, little_memory=False):
-        """The bytes of both stores; what was asked for. With little memory, indices of shards may be asked for again."""
+        """Checks that both stores have the same bytes; returns the requests. With little memory, indices of shards may
+        be requested again."""
         local = preprocess(FOLDER / name, "local.isonest", *options)
         self.assertEqual(local.returncode, 0, local.stderr)
         with RangeServer(FOLDER, **(server_options or {})) as server:
@@ -122,11 +123,11 @@ class SameBytes(Case):
                 data = smooth((29, 33, 41), np.dtype("i2").newbyteorder(ends))
                 a = zarr.open(str(self.path), mode="w", shape=data.shape, chunks=(9, 12, 10), order=order, fill_value=-5,
                               dtype=data.dtype, dimension_separator=separator, compressor=compressor)
-                a[9:, :24] = data[9:, :24]  # of the others there is no file
+                a[9:, :24] = data[9:, :24]  # the others have no file
                 counts = self.same()
                 stored = self.chunks_of()
                 self.assertLess(len(stored), 4 * 3 * 5)
-                self.assertEqual(len(counts), 4 * 3 * 5)  # those that are missing are asked for, too
+                self.assertEqual(len(counts), 4 * 3 * 5)  # missing ones are requested, too
                 self.assertLessEqual(stored, {path for path, _ in counts})
 
     def test_version_3_and_shards(self):
@@ -142,7 +143,7 @@ class SameBytes(Case):
                 V3(self.path, data, (8, 8, 8), **options)
                 counts = self.same()
                 if "shards" in options:
-                    # No byte twice, and an index is one request.
+                    # No byte is fetched twice, and an index is one request.
                     for path in self.chunks_of():
                         size = (FOLDER / path[1:]).stat().st_size
                         taken = np.zeros(size, int)
@@ -222,7 +223,7 @@ class SameBytes(Case):
         zarr.consolidate_metadata(str(self.path))
         with RangeServer(FOLDER) as server:
             self.failed(3, ("there is no array d", "\n  a/volume", "\n  b", "\n  c"), server.url("v.zarr"), "--dataset", "d")
-        # The description of the array itself counts, not an old copy of it.
+        # The metadata of the array itself count, not an old copy of them.
         zarr.open(str(self.path / "c"), mode="a").resize((1, 13, 18, 19))
         self.same("--dataset", "c")
 
@@ -287,7 +288,7 @@ class SameBytes(Case):
                         self.assertGreaterEqual(fetched, chunks * 1024)
                         self.assertLessEqual(fetched, chunks * 1024 * 5 / 4)
         shutil.rmtree(self.path)
-        # Axes that run backward.
+        # Reversed axes.
         group = zarr.open_group(str(self.path), mode="w")
         group.create_dataset("t", data=data, chunks=(8, 8, 8), fill_value=None).attrs["_ARRAY_DIMENSIONS"] = ["z", "y", "x"]
         for name, size in (("z", 40), ("y", 48), ("x", 56)):
@@ -326,7 +327,7 @@ class SameBytes(Case):
             self.assertEqual(done.returncode, 0, done.stderr)
             preprocess(bucket, "local.isonest")
             self.assertEqual((FOLDER / "far.isonest").read_bytes(), (FOLDER / "local.isonest").read_bytes())
-            # Who may not list what there is gets 403 for what is not there.
+            # Without the permission to list, missing objects are answered with 403.
             server.fault_of = lambda number, path, _: None if path.startswith("/bucket/a") and (
                 path.endswith("zarr.json") or "/c/" in path) else "status:403"
             done = preprocess("s3://bucket/a b+c=ü/", "far.isonest", "--json", **keys)
@@ -363,7 +364,7 @@ class Faults(Case):
                           "gzip", "no_etag", "chunked", "less"):
                 with self.subTest(name=name, fault=fault), RangeServer(
                         FOLDER, fault_of=self.only(fault, ("/c/0/1/1", "/c/0/0/0", "zarr.json"), 1)) as server:
-                    code = 4 if fault == "page" else 0  # nothing says that it is not the right one
+                    code = 4 if fault == "page" else 0  # the wrong content cannot be detected
                     done = preprocess(server.url(name), "far.isonest", "--json")
                     self.assertEqual(done.returncode, code, done.stdout)
                     if code == 0:
@@ -373,11 +374,11 @@ class Faults(Case):
         for name, fault, code, words in (
                 ("v.zarr", "status:400", 6, "400"), ("v.zarr", "status:403", 6, ("403", "not there, too")),
                 ("v.zarr", "page", 4, "does not unpack"), ("v.zarr", "wrong_bytes", 4, "does not unpack"),
-                ("v.zarr", "gzip", 6, "encoding"), ("v.zarr", "long_page", 4, "more than"),
+                ("v.zarr", "gzip", 6, "Encoding"), ("v.zarr", "long_page", 4, "accepted"),
                 ("v.zarr", "redirect:/v.zarr/c/0/1/1?" + SECRET, 6, "more than 5 times"),
-                ("v.zarr", "redirect:ftp://127.0.0.1/" + SECRET, 6, "no URL"),
-                ("v.zarr", "status:503:90", 6, ("503", "asks to wait for 90 s")),
-                ("s.zarr", "page", 4, "were to be read"), ("s.zarr", "range_missing", 6, "Content-Range"),
+                ("v.zarr", "redirect:ftp://127.0.0.1/" + SECRET, 6, "invalid URL"),
+                ("v.zarr", "status:503:90", 6, ("503", "wait 90 s")),
+                ("s.zarr", "page", 4, "were expected"), ("s.zarr", "range_missing", 6, "Content-Range"),
                 ("s.zarr", "wrong_bytes", 4, "checksum"), ("s.zarr", "status:403", 6, "403")):
             with self.subTest(name=name, fault=fault), RangeServer(
                     FOLDER, fault_of=self.only(fault, ("/c/0/1/1", "/c/0/0/1"))) as server:
@@ -386,9 +387,9 @@ class Faults(Case):
                 self.assertRegex(error["message"], r"c/0/[01]/1\b")
 
     def test_descriptions_that_are_none(self):
-        for fault, code, words in (("page", 4, "not JSON"), ("status:500", 6, "500"), ("long_page", 4, "more than")):
+        for fault, code, words in (("page", 4, "not JSON"), ("status:500", 6, "500"), ("long_page", 4, "accepted")):
             if fault == "status:500":
-                continue  # waits for a minute
+                continue  # would wait for a minute
             with self.subTest(fault=fault), RangeServer(FOLDER, fault_of=self.only(fault, ("zarr.json",))) as server:
                 error = self.failed(code, words, server.url("v.zarr"))
                 self.assertEqual(error["file"], server.url("v.zarr/zarr.json"))
@@ -438,7 +439,7 @@ class Resume(Case):
             self.assertEqual(done.returncode, 6, done.stderr)
             self.assertIn("is kept", done.stderr)
             server.fault_of = lambda *_: None
-            # The same description, written anew, has another ETag.
+            # The same metadata, written again, have another ETag.
             (self.path / "zarr.json").write_text((self.path / "zarr.json").read_text())
             again = run("preprocess", server.url("v.zarr"), "-o", "far.isonest", "--chunk", "8", "--resume")
             self.assertEqual(again.returncode, 2, again.stderr)
@@ -460,7 +461,7 @@ class Resume(Case):
                 self.assertEqual((FOLDER / "far.isonest").read_bytes(), (FOLDER / "local.isonest").read_bytes())
                 counts = asked(server)
                 self.assertEqual({what: times for what, times in counts.items() if times > 1}, {})
-                # The first plane is compared; of those between, nothing is fetched.
+                # The first plane is compared; nothing is fetched of the planes between.
                 self.assertEqual([path for path, _ in counts if re.match(r"/v.zarr/c/[12]/", path)], [])
             (FOLDER / "far.isonest").unlink()
 
@@ -489,7 +490,7 @@ class Speed(Case):
             done = preprocess(server.url("v.zarr"), "far.isonest", "--chunk", "32")
             seconds = time.monotonic() - start
             self.assertEqual(done.returncode, 0, done.stderr)
-            # One after the other they would wait for 0.05 s each.
+            # Sequentially they would wait for 0.05 s each.
             self.assertLess(seconds, 0.05 * len(asked(server)) / 2.5)
 
 

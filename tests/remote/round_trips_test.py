@@ -1,5 +1,5 @@
-"""How often a query of a store at a URL waits for the network is bounded by the number of the store's levels, and not
-by that of its chunks, of which it reads many more.
+"""How often a query of a remote store waits for the network is bounded by the number of the store's levels, and not by
+that of its chunks, of which it reads many more.
 
 usage: round_trips_test.py ISONEST PLUGIN_FOLDER
 """
@@ -22,7 +22,7 @@ ENVIRONMENT = {name: value for name, value in os.environ.items()
                if not name.startswith(("AWS_", "SSL_CERT", "CURL_")) and not name.lower().endswith("_proxy")}
 ENVIRONMENT["HOME"] = str(FOLDER)
 FIELDS = "linf_bar,linf_plus,deviation_bar,hex_linf,hex_deviation,grad_linf_bar"
-# Round trips at most, in levels of the store, beside three for opening and the rest.
+# Maximum round trips per level of the store, in addition to three for opening and the rest.
 QUERIES = {
     "bucky": {
         "extract --iso 120 --error-relative 0.05 -o o.ply": 1,
@@ -30,8 +30,8 @@ QUERIES = {
         "extract --iso 120 --error-relative 0.05 --vertices exact -o o.ply": 1,
         "extract --iso 120 --error-relative 0.05 --cells hex -o o.ply": 2,
         "extract --iso 120 --error-relative 0.02 --cells hex --normals --vertex-error deviation_bar -o o.vtp": 2,
-        "extract --iso 120 --distance 0.5voxel --no-simplify -o o.ply": 2,
-        "extract --iso 120 --distance 0.5voxel --no-simplify --normals -o o.vtp": 2,
+        "extract --iso 120 --distance 0.5voxel --effort none -o o.ply": 2,
+        "extract --iso 120 --distance 0.5voxel --effort none --normals -o o.vtp": 2,
         "slice --plane 1,2,3,300 --error-relative 0.02 --normals --vertex-error deviation_bar -o o.vtp": 2,
         "slice --plane 1,2,3,300 --error-relative 0.02 --cells hex -o o.ply": 2,
         "study --fields deviation_bar --steps 3 --iso 120 --out o": 2,

@@ -1,4 +1,4 @@
-"""Ranges of objects elsewhere: the right bytes by few requests, in memory that is bounded.
+"""Ranges of remote objects: the right bytes with few requests, in bounded memory.
 
 usage: url_bytes_test.py ISONEST PLUGIN_FOLDER
 """
@@ -43,9 +43,9 @@ class Reading(unittest.TestCase):
             self.assertEqual(answer["round_trips"], 2)
             self.assertEqual(server.requests - before, 3)  # gaps of 1000 bytes are joined, larger ones are not
             self.assertLessEqual(server.bytes - TAIL, 1.25 * sum(size for _, size in ranges))
-            # It is there now.
+            # Now it is in memory.
             self.assertEqual(client.read(*ranges, threads=4)["requests"], answer["requests"])
-            # Each of these needs the one before, as far as anybody can know.
+            # As far as can be known, each of these depends on the previous one.
             for i in range(3):
                 answer = client.read([600_000 + i * 100_000, 500])
             self.assertEqual(answer["round_trips"], 5)
@@ -70,7 +70,7 @@ class Reading(unittest.TestCase):
             client.do("want", ranges=chunks)
             answer = client.read(*chunks, threads=4)
             self.assertEqual(answer["errors"], [])
-            self.assertLess(answer["round_trips"], 60)  # and not one for each of the 400
+            self.assertLess(answer["round_trips"], 60)  # rather than one for each of the 400
             self.assertLess(server.bytes, 1.25 * 400 * 40_000 + TAIL)
             self.assertTrue(IS_SANITIZED or client.memory() - before < 24 << 20)
             self.assertEqual(client.read([0, 10_000_000])["errors"], [])  # larger than the budget
@@ -116,10 +116,10 @@ class Reading(unittest.TestCase):
             self.assertEqual(opened(), (1, TAIL, 1, 0))
             for _ in range(2):
                 self.assertEqual(opened(), (1, 64, 1, TAIL - 64))
-            os.utime(FOLDER / "a.bin", (1e9, 1e9))  # another ETag: nothing of the cache is used
+            os.utime(FOLDER / "a.bin", (1e9, 1e9))  # another ETag: the cache is not used
             self.assertEqual(opened(), (2, TAIL, 2, 0))
             self.assertEqual(opened(), (1, 64, 1, TAIL - 64))
-            # What is not what it says it is: other bytes under the same ETag.
+            # Wrong content: other bytes under the same ETag.
             server.validators = lambda path, data, same=server.validators(FOLDER / "a.bin", bytes(SIZE)): same
             before = (FOLDER / "a.bin").read_bytes()
             (FOLDER / "a.bin").write_bytes(bytes(SIZE))
@@ -131,15 +131,15 @@ class Reading(unittest.TestCase):
     def test_a_slow_cache_holds_up_no_transfer(self):
         ranges = [[i * 100_000, 20_000] for i in range(25)]
         with RangeServer(FOLDER) as server, Client() as client:
-            for _ in range(2):  # what the cache has not is looked for while others are read
+            for _ in range(2):  # the cache is searched while other ranges are read
                 client.open(server.url("a.bin"), cache=True, keep_ms=300, load_ms=0)
                 client.do("want", ranges=ranges)
                 start = time.monotonic()
                 answer = client.read(*ranges, threads=2)
                 self.assertEqual(answer["errors"], [])
-                self.assertLess(time.monotonic() - start, 5)  # to keep them all takes 7.5 s
+                self.assertLess(time.monotonic() - start, 5)  # keeping them all takes 7.5 s
                 start = time.monotonic()
-                client.do("close")  # which waits until they are kept
+                client.do("close")  # waits until they are kept
                 kept = time.monotonic() - start
             self.assertLess(kept, 5)
             self.assertEqual((answer["requests"], answer["cache_bytes"]), (1, 25 * 20_000))
@@ -150,7 +150,7 @@ class Reading(unittest.TestCase):
             client.open(server.url("a.bin"), cache=True, keep_ms=1000, budget=1 << 20)
             start = time.monotonic()
             self.assertEqual(client.read(*ranges)["errors"], [])
-            self.assertLess(time.monotonic() - start, 10)  # to keep them all takes 25 s
+            self.assertLess(time.monotonic() - start, 10)  # keeping them all takes 25 s
             client.open(server.url("a.bin"), cache=True)
             answer = client.read(*ranges)
             self.assertGreater(answer["cache_bytes"], 0)
@@ -159,7 +159,7 @@ class Reading(unittest.TestCase):
     def test_after_ctrl_c_the_cache_is_not_waited_for(self):
         with RangeServer(FOLDER, fault_of=lambda number, *_: "silent" if number > 21 else None) as server, Client() as client:
             client.open(server.url("a.bin"), cache=True, keep_ms=1000)
-            client.read(*([i * 100_000, 9_000] for i in range(20)))  # 20 s to keep
+            client.read(*([i * 100_000, 9_000] for i in range(20)))  # takes 20 s to keep
             client.do("cancel", after_ms=0)
             start = time.monotonic()
             self.assertEqual(client.read([50_000, 1000])["errors"][0]["kind"], "cancelled")
@@ -169,7 +169,7 @@ class Reading(unittest.TestCase):
     def test_ctrl_c_while_the_end_waits_for_the_cache(self):
         with RangeServer(FOLDER) as server, Client() as client:
             client.open(server.url("a.bin"), cache=True, keep_ms=1000)
-            client.read(*([i * 100_000, 9_000] for i in range(20)))  # 20 s to keep
+            client.read(*([i * 100_000, 9_000] for i in range(20)))  # takes 20 s to keep
             client.do("cancel", after_ms=500)
             start = time.monotonic()
             client.do("close")

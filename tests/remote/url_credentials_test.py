@@ -1,4 +1,4 @@
-"""Certificates, passwords and signatures: used where they belong, told to nobody.
+"""Certificates, passwords and signatures: used where they belong, and never shown.
 
 usage: url_credentials_test.py ISONEST PLUGIN_FOLDER
 """
@@ -43,7 +43,7 @@ class Credentials(unittest.TestCase):
                     self.assertEqual(client.read([0, 1000], [50_000, 1000], threads=2)["errors"], [])
                     self.assertIn("/eu-x-1/s3/", server.notes[0]["authorization"])
                     server.fault_of = lambda *_: "redirect:http://localhost:1/x"
-                    self.assertIn("gets no credentials", client.open(f"s3://bucket/{key}")["error"]["message"])
+                    self.assertIn("no credentials are sent", client.open(f"s3://bucket/{key}")["error"]["message"])
                     server.fault_of = lambda *_: None
                 for wrong in ({"AWS_SECRET_ACCESS_KEY": "another"}, {"AWS_ACCESS_KEY_ID": "another"}):
                     with Client(**{**names, **wrong}) as client:

@@ -1,6 +1,6 @@
-"""What a server of ranges may do wrong: each ends in a clear error or is tried again, and no byte is wrong.
+"""Faults of a server of ranges: each gives a clear error or a retry, and no byte is ever wrong.
 
-usage: url_faults_test.py ISONEST PLUGIN_FOLDER [FAULTS]   (of the random ones; ISONEST_FAULTS says the same)
+usage: url_faults_test.py ISONEST PLUGIN_FOLDER [FAULTS]   (number of random ones; also as ISONEST_FAULTS)
 """
 import json
 import os
@@ -21,7 +21,7 @@ FAULTS = int(sys.argv[3] if len(sys.argv) > 3 else os.environ.get("ISONEST_FAULT
 
 class Faults(unittest.TestCase):
     def error_of(self, fault, kind, problem, *remedies, at_opening=False):
-        """That a server with this fault leads to this error, in time, and without a word of what is secret."""
+        """Checks that a server with this fault gives this error in time, without any secret in it."""
         faults = (lambda *_: fault) if at_opening else from_second(fault)
         with self.subTest(fault), RangeServer(FOLDER, fault_of=faults, silence=5) as server, Client() as client:
             start = time.monotonic()
@@ -46,13 +46,13 @@ class Faults(unittest.TestCase):
                     ("short", "io", "connection broke", "try_later"),
                     ("broken", "io", "connection broke", "try_later"),
                     ("reset", "io", "connection broke", "try_later"),
-                    ("half_head", "io", "connection broke: it ended within the head", "try_later"),
-                    ("large_head", "io", "the head of the server's answer is too large", "check_url"),
-                    ("long_line", "io", "the head of the server's answer is too large", "check_url"),
-                    ("garbage", "io", "is no HTTP", "check_url"),
-                    ("short_length", "io", "contradicts itself", "serve_ranges"),
-                    ("chunked_length", "io", "contradicts itself (Content-Length and Transfer-Encoding)", "serve_ranges"),
-                    ("gzip", "io", "encoding", "serve_ranges"),
+                    ("half_head", "io", "connection broke: the answer ended within its headers", "try_later"),
+                    ("large_head", "io", "the headers of the server's answer are too large", "check_url"),
+                    ("long_line", "io", "the headers of the server's answer are too large", "check_url"),
+                    ("garbage", "io", "is not HTTP", "check_url"),
+                    ("short_length", "io", "contradict each other", "serve_ranges"),
+                    ("chunked_length", "io", "Content-Length and Transfer-Encoding contradict each other", "serve_ranges"),
+                    ("gzip", "io", "Encoding", "serve_ranges"),
                     ("silent", "io", "too slow: 0 bytes in 0.3 s (3 tries)", "try_later"),
                     ("slow", "io", "too slow", "try_later"),
                     ("status:401", "io", "401 Unauthorized", "give_credentials", "check_url"),
@@ -62,9 +62,9 @@ class Faults(unittest.TestCase):
                     ("status:429", "io", "429 Too Many Requests (TestFault) (3 tries)", "try_later"),
                     ("status:500", "io", "500 Internal Server Error", "try_later"),
                     ("status:502", "io", "502 Bad Gateway", "try_later"),
-                    ("status:503:60", "io", "asks to wait for 60 s", "try_later"),
+                    ("status:503:60", "io", "asks clients to wait 60 s", "try_later"),
                     ("status:504", "io", "504 Gateway Timeout", "try_later"),
-                    ("redirect:ftp://127.0.0.1/x?s3cret", "io", "no URL", "check_url"),
+                    ("redirect:ftp://127.0.0.1/x?s3cret", "io", "invalid URL", "check_url"),
                     ("redirect:/a.bin?s3cret", "io", "more than 5 times", "check_url")):
                 self.error_of(fault, kind, problem, *remedies, at_opening=at_opening)
 
@@ -98,20 +98,20 @@ class Faults(unittest.TestCase):
                     self.assertIn("has changed", client.read([9000, 9])["errors"][0]["message"])
 
     def test_an_answer_that_does_not_say_what_it_is_of(self):
-        self.error_of("no_etag", "io", "no longer says which version", "serve_ranges")
+        self.error_of("no_etag", "io", "no longer sends an ETag", "serve_ranges")
 
     def test_everything_in_place_of_a_part_is_not_downloaded(self):
-        self.error_of("whole", "io", "sends everything", "serve_ranges")
+        self.error_of("whole", "io", "sent the whole object", "serve_ranges")
         with RangeServer(FOLDER, fault_of=from_second("whole")) as server, Client() as client:
             client.do("open", url=server.url("large.bin"), file=str(FOLDER / "large.bin"), **QUICK)
             self.assertEqual(len(client.read([0, 1000])["errors"]), 1)
             self.assertEqual(server.requests, 3)
-            self.assertLess(server.bytes, 24_000_000)  # of 80 MB: what the system's buffers take
+            self.assertLess(server.bytes, 24_000_000)  # of 80 MB: the amount that fits into the system's buffers
         with RangeServer(FOLDER, knows_ranges=False) as server, Client() as client:
             error = client.do("open", url=server.url("large.bin"), file=str(FOLDER / "a.bin"), **QUICK)["error"]
             self.assertEqual([remedy["kind"] for remedy in error["remedies"]], ["serve_ranges"])
-            self.assertIn("does not answer requests for a part", error["message"])
-            self.assertLess(server.bytes, 12_000_000)  # of 40 MB: what the system's buffers take
+            self.assertIn("does not support range requests", error["message"])
+            self.assertLess(server.bytes, 12_000_000)  # of 40 MB: the amount that fits into the system's buffers
             self.assertEqual(server.requests, 2)
 
     def test_what_passes_is_asked_for_again(self):
@@ -124,16 +124,16 @@ class Faults(unittest.TestCase):
                 start = time.monotonic()
                 answer = client.read([0, 200_000])
                 self.assertEqual(answer["errors"], [])
-                # libcurl itself asks once more where a connection that it had kept broke.
+                # libcurl itself retries once if a kept connection broke.
                 self.assertIn(server.requests - answer["requests"], (0, 1) if fault == "reset" else (0,))
                 self.assertEqual(answer["round_trips"], 2)
                 if fault == "status:503:1":
                     self.assertGreater(time.monotonic() - start, 1)
-                if fault in ("short", "less"):  # what came is not asked for again
+                if fault in ("short", "less"):  # received bytes are not requested again
                     self.assertLess(server.bytes, TAIL + 200_000 + 64)
 
     def test_after_chunks_that_are_none_no_rest_is_asked_for(self):
-        """What libcurl takes for the first chunk is not what the object has there."""
+        """The bytes that libcurl takes for the first chunk are not those of the object."""
         with RangeServer(FOLDER, fault_of=from_second("no_chunks", 1)) as server, Client() as client:
             client.open(server.url("a.bin"))
             errors = client.read([0, 50_000])["errors"]
@@ -155,7 +155,7 @@ class Faults(unittest.TestCase):
                 self.assertEqual(server.notes[0]["x-key"], "s3cret")
                 self.assertNotIn("s3cret", json.dumps(other.notes))
                 self.assertNotIn("authorization", other.notes[0])
-                # What was good for a while only: the first server knows another place.
+                # The redirect target has expired: the first server redirects to another one.
                 other.fault_of = lambda number, path, headers: "status:403" if "token=1" in path else None
                 place["at"] = other.url("a.bin?token=2")
                 self.assertEqual(client.read([50_000, 1000])["errors"], [])
@@ -170,14 +170,14 @@ class Faults(unittest.TestCase):
                 self.assertEqual(client.read([0, 1000], [50_000, 1000])["errors"], [])
                 self.assertEqual((server.requests, first.requests), (1, 3))
                 first.fault_of = lambda *_: "reset"  # on connections that outlive the server
-            # Nobody is there, and the URL still leads there.
+            # There is no server, and the URL still redirects there.
             start = time.monotonic()
             answer = client.read([100_000, 1000], [300_000, 1000], threads=2)
             self.assertLess(time.monotonic() - start, 10)
-            # One thread may have found a broken connection and the other none, in two texts.
+            # One thread may have found a broken connection and another one none, with different messages.
             self.assertEqual({(error["kind"], error["file"]) for error in answer["errors"]}, {("io", server.url("a.bin"))})
             self.assertNotIn("s3cret", json.dumps(answer))
-            # The URL knows another place: what was not read is read there, of the same version.
+            # The URL redirects to another place: the remaining bytes of the same version are read there.
             asked = server.requests
             with RangeServer(FOLDER) as second:
                 place["at"] = second.url("a.bin")
@@ -185,7 +185,7 @@ class Faults(unittest.TestCase):
                 self.assertEqual(answer["errors"], [])
                 self.assertLessEqual(server.requests - asked, 3)
                 self.assertLessEqual(second.requests, 4)
-                # One that has another object is none.
+                # A place with another object is not accepted.
                 os.utime(FOLDER / "b.bin", (1, 1))
                 second.fault_of = lambda number, path, headers: "redirect:/b.bin" if path.startswith("/a.bin") else None
                 error = client.read([1_200_000, 1000])["errors"][0]
@@ -219,11 +219,12 @@ class RandomFaults(unittest.TestCase):
             with lock:
                 if lot.random() < 0.3:
                     fault = lot.choice(self.KINDS)
-                    # To one who does not know the object, these are good answers with other bytes than the test's.
+                    # For a client that does not know the object yet, these are valid answers, with other bytes than the
+                    # test expects.
                     if fault in ("etag", "redirect:/b.bin", "range_wrong") and "If-Match" not in headers:
                         return None
                     faults[0] += 1
-                    # Those that take their time are not as many.
+                    # Slow faults are less frequent.
                     return fault if fault not in ("silent", "slow", "status:429:1") or lot.random() < 0.1 else "reset"
             return None
 

@@ -1,6 +1,6 @@
-"""Kept analyses of surfaces: read by h5py as FORMAT.md says, damaged, stale, of other queries, listed and checked.
+"""Kept analyses of surfaces: read by h5py following FORMAT.md, damaged, stale, of other queries, listed and checked.
 
-Usage: analysis_test.py ISONEST PLUGIN_FOLDER    (the program that measures distances lies beside ISONEST)
+Usage: analysis_test.py ISONEST PLUGIN_FOLDER    (the program that measures distances is next to ISONEST)
 """
 import json
 import os
@@ -53,14 +53,14 @@ def analyses(folder):
 
 
 def extract(store, mesh, *options):
-    """The report; what keeps an analysis is asked for."""
+    """The report of an extraction with --keep-analysis."""
     done = run("extract", store, "--iso", ISO, "-o", mesh, "--json", "--keep-analysis", *options)
     require(done.returncode == 0, f"{options}: {done.stderr}")
     return json.loads(done.stdout)
 
 
 def distance(a, b, most):
-    """Within 0.01; what is nearer than `most` is not looked at closely."""
+    """The distance within 0.01; parts nearer than `most` are not examined closely."""
     done = run(a, b, "--max-only", "--epsilon", 0.01, "--stop-above", most, program=ISONEST.with_name("isonest_mesh_distance"))
     return json.loads(done.stdout)["max"]
 
@@ -71,7 +71,7 @@ def triangles_of(path):
 
 
 def check_distances(folder):
-    """Any distance and any number of triangles, from one file: kept, and the same as when it was made."""
+    """Any distance and any number of triangles from one file: it is kept, and gives the same as when it was made."""
     store, mesh, full = store_of(folder, "d", waves((40, 44, 48)), "--spacing", "0.5,1,1"), folder / "m.ply", folder / "f.ply"
     assert run("extract", store, "--iso", ISO, "--cells", "hex", "-o", full, "-q").returncode == 0
     first = extract(store, mesh, "--distance", 0.3)
@@ -136,7 +136,7 @@ def check_format(folder):
 
 
 def check_damage(folder):
-    """A flipped bit anywhere: noticed, or of no consequence."""
+    """A flipped bit anywhere is detected or has no effect."""
     store, mesh = store_of(folder, "x", waves((12, 12, 12))), folder / "m.ply"
     extract(store, mesh, "--distance", 0.2)
     good, (path,) = mesh.read_bytes(), analyses(folder)
@@ -163,7 +163,7 @@ def check_damage(folder):
 
 
 def check_queries(folder):
-    """Surfaces that differ have files of their own; info lists them, and a folder may hold them."""
+    """Different surfaces have separate files; info lists them, and a folder may hold them."""
     store, mesh = store_of(folder, "q", waves((24, 24, 24)), "--indicators", "deviation_bar,grad_linf_plus"), folder / "m.ply"
     queries = ((), ("--normals",), ("--close",), ("--box", "2,2,2,20,20,20"), ("--min-component", 50),
                ("--components", "largest"))
@@ -189,9 +189,9 @@ def check_queries(folder):
         require(done.returncode == code and done.stderr, f"{options}: {done}")
     read_only = folder / "read-only"
     read_only.mkdir(mode=0o555)
-    if not os.access(read_only, os.W_OK):  # root may write anywhere
+    if not os.access(read_only, os.W_OK):  # root can write anywhere
         done = run("extract", store, "--iso", ISO, "-o", mesh, "-q", "--distance", 1, f"--keep-analysis={read_only}")
-        require(done.returncode == 6 and "another folder" in done.stderr, f"read-only: {done}")
+        require(done.returncode == 6 and "not writable" in done.stderr, f"read-only: {done}")
     empty = run("extract", store, "--iso", 99, "-o", mesh, "-q", "--keep-analysis", "--distance", 1)
     require(empty.returncode == 0 and triangles_of(mesh) == 0, f"an empty surface: {empty}")
 

@@ -1,19 +1,17 @@
-// Sequences that are sorted by blocks, and given back as they are read.
-#include "query/simplify/block_items.h"
-
+// Sequences that are sorted by blocks, and whose space is released while they are read.
 #include <catch2/catch.hpp>
 #include <cstdint>
 #include <random>
 #include <vector>
 
-#include "query/simplify/packed_triangle.h"
+#include "query/simplify/block_files.h"
 #include "store/files/scratch_file.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest::detail;
 using namespace isonest::detail::test;
 
-TEST_CASE("Items of a block come in the order in which they were appended") {
+TEST_CASE("Items of a block are returned in the order in which they were appended") {
     const TemporaryFolder folder;
     std::mt19937 random(5);
     const std::size_t count = GENERATE(0, 1, 50000);
@@ -24,7 +22,7 @@ TEST_CASE("Items of a block come in the order in which they were appended") {
         BlockItems<std::uint64_t> items(folder.path());
         std::uint32_t block = 0;
         for (std::uint64_t i = 0; i < count; ++i) {
-            if (random() % 5 == 0) {  // runs of some length
+            if (random() % 5 == 0) {  // runs of varying length
                 block = static_cast<std::uint32_t>(random() % blocks);
             }
             block_of.push_back(block);
@@ -50,7 +48,7 @@ TEST_CASE("Items of a block come in the order in which they were appended") {
     }
 }
 
-TEST_CASE("Blocks that were consumed take no space, and the others are as they were") {
+TEST_CASE("Consumed blocks take no space, and the others are unchanged") {
     const TemporaryFolder folder;
     const auto scratch = ScratchFolder::metered(folder.path());
     constexpr std::uint32_t kBlocks = 10;
@@ -71,14 +69,14 @@ TEST_CASE("Blocks that were consumed take no space, and the others are as they w
         REQUIRE(sum == expected);
         items.consume(b);
     }
-    // All but what says how the items are sorted: as much as they took can be taken once more.
+    // All space except that for the sorting is released: the same amount can be allocated again.
     const std::uint64_t peak = scratch.meter()->peak();
     ScratchFile other(scratch);
     other.map(kItems * sizeof(std::uint64_t));
     REQUIRE(scratch.meter()->peak() == peak);
 }
 
-TEST_CASE("A packed triangle has the corners that it was made of") {
+TEST_CASE("A packed triangle has the original corners") {
     std::mt19937_64 random(3);
     for (int i = 0; i < 1000; ++i) {
         const std::uint64_t most = (std::uint64_t{1} << (1 + random() % 48)) - 1;

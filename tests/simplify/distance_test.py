@@ -1,6 +1,6 @@
 """extract --distance of small and odd volumes: the promised distance and topology, and the same bytes.
 
-Usage: distance_test.py ISONEST PLUGIN_FOLDER    (the programs that measure meshes lie beside ISONEST)
+Usage: distance_test.py ISONEST PLUGIN_FOLDER    (the programs that measure meshes are next to ISONEST)
 """
 import json
 import pathlib
@@ -31,7 +31,7 @@ def measure(program, *arguments):
 
 
 def farthest(a, b, most, epsilon):
-    """How far the meshes are from each other, within epsilon: what is nearer than `most` is not looked at closely."""
+    """The distance of the meshes within epsilon; parts nearer than `most` are not examined closely."""
     return measure("distance", a, b, "--max-only", "--epsilon", epsilon, "--stop-above", most)["max"]
 
 
@@ -51,7 +51,7 @@ def store_of(folder, name, u, *options):
 
 
 def topology(v, t):
-    """Components, Euler characteristic, loops of the border, edges of more than two triangles, repeated triangles."""
+    """Components, Euler characteristic, border loops, edges of more than two triangles, repeated triangles."""
     directed = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
     edges, uses = np.unique(np.sort(directed, 1), axis=0, return_counts=True)
 
@@ -74,7 +74,7 @@ def topology(v, t):
 
 
 def volumes():
-    """Name, values, isovalue, options, distances (world units)."""
+    """Yields name, values, isovalue, options, distances (world units)."""
     z, y, x = np.meshgrid(*(np.arange(n, dtype=float) for n in (23, 26, 29)), indexing="ij")
     ball = np.sqrt((x - 14) ** 2 + (y - 12) ** 2 + (z - 11) ** 2)
     yield "2x2x2", RNG.random((2, 2, 2)), 0.5, (), (0.1, 3)
@@ -88,7 +88,7 @@ def volumes():
     yield "tiny", ball, 8.3, ("--spacing", "1e-6,1e-6,1e-6"), (1e-7, 1e-6)
     yield "long voxels", ball, 8.3, ("--spacing", "1,1,10"), (0.3, 3)
     yield "far", ball, 8.3, ("--origin", "20000,-30000,10000"), (0.3, 1)
-    # Something hollow near a plane is not in the way of the distance, and stays.
+    # A hollow component near a plane could vanish within the distance, but must stay.
     ring = 1.3 - np.hypot(np.hypot(x - 14.3, y - 12.1) - 4.2, z - 11.2)
     tube = 1.2 - np.hypot(y - 12.1, z - 10.2)
     yield "torus near a plane", np.maximum(7.2 - z, ring), 0, (), (0.5, 6, 15)
@@ -97,7 +97,7 @@ def volumes():
 
 def check(folder, name, u, iso, options, distances):
     store = store_of(folder, "v", u, *options)
-    # From an analysis that is made, and from one that is there; by mappings alone.
+    # With a new analysis, and with an existing one; by mappings alone.
     kept = (("--keep-analysis",), ("--keep-analysis",), ("--effort", "fast"))
     check_cells(folder, store, name, iso, distances, ("--cells", "hex"), ((), *kept))
     check_cells(folder, store, name, iso, distances, ("--cells", "tet"), ((), kept[-1]))
@@ -131,7 +131,8 @@ def check_cells(folder, store, name, iso, distances, cells, ways):
 
 
 def faults(v, t, size, spacing):
-    """Edges of more than two triangles, edges of one triangle off the volume's faces, two that agree on the way round."""
+    """Edges of more than two triangles, edges of one triangle not in the volume's faces, edges with inconsistent
+    orientation."""
     directed = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
     edges, uses = np.unique(np.sort(directed, 1), axis=0, return_counts=True)
     ends = v[edges[uses == 1]] / spacing
@@ -140,10 +141,10 @@ def faults(v, t, size, spacing):
 
 
 def check_nested(folder, name, u, iso, options, distances):
-    """The nested grid's own triangles: within the distance, without cracks, the same bytes for any threads and memory."""
+    """The unsimplified nested grid: within the distance, without cracks, the same bytes for any threads and memory."""
     store = store_of(folder, "n", u, *options)
     full, mesh = folder / "full.ply", folder / "mesh.ply"
-    assert run("extract", store, "--iso", iso, "--error", 0, "-o", full, "-q").returncode == 0
+    assert run("extract", store, "--iso", iso, "--cells", "tet", "-o", full, "-q").returncode == 0
     spacing = [float(s) for s in options[1].split(",")] if options[:1] == ("--spacing",) else [1, 1, 1]
     largest = float(np.abs(read_points(full)[0]).max(initial=0))
     counts = []
@@ -151,9 +152,9 @@ def check_nested(folder, name, u, iso, options, distances):
         what = f"{name}, nested, distance {d}"
         made = []
         for extra in (("--threads", 1), ("--threads", 4, "--memory", "100M")):
-            done = run("extract", store, "--iso", iso, "--distance", d, "--no-simplify", "-o", mesh, "--json", *extra)
+            done = run("extract", store, "--iso", iso, "--distance", d, "--effort", "none", "-o", mesh, "--json", *extra)
             if done.returncode == 7 and "32-bit" in done.stderr:
-                break  # less than float32 rounds
+                break  # below the rounding of float32
             require(done.returncode == 0, f"{what}: {done.stderr}")
             made.append(mesh.read_bytes())
         if not made:
@@ -205,7 +206,7 @@ def waves(nodes, scale):
 
 
 def fast_bytes(folder):
-    """More triangles than a block has; mapped by any threads, memory and chunks."""
+    """More triangles than fit into a block; mapped with any threads, memory and chunks."""
     u = waves((67, 71, 75), 3)
     for stop in (("--distance", "0.3voxel"), ("--triangles", 6000)):
         meshes = {}
@@ -221,7 +222,7 @@ def fast_bytes(folder):
 
 
 def check_fast(what, full, mesh, done, most):
-    """Of a surface of some size, by mappings alone: the promise, the topology, folds and fewer triangles."""
+    """A surface of some size, by mappings alone: the promise, the topology, folds and fewer triangles."""
     require(done.returncode == 0, f"{what}: {done.stderr}")
     if done.returncode:
         return
@@ -238,7 +239,7 @@ def check_fast(what, full, mesh, done, most):
 
 
 def sampled_budget(folder):
-    """A number of triangles of a surface so large that a part of it is searched first."""
+    """A number of triangles for a surface so large that a part of it is searched first."""
     full, mesh = folder / "full.ply", folder / "mesh.ply"
     meshes = set()
     most = 40000
@@ -282,20 +283,19 @@ def fast(folder):
     assert run("extract", labels, "--labels", "1,2", "--close", "--distance", "0.7voxel", "--effort", "fast", "-o",
                folder / "all", "-q").returncode == 0
     require((folder / "all" / "2.ply").read_bytes() == one, "labels together are not those alone")
-    # Several isovalues, each as it is alone.
+    # Several isovalues, each the same as alone.
     assert run("extract", store, "--iso", "0.1,0.4", "--distance", 0.5, "--effort", "fast", "-o",
                folder / "m_{iso}.ply", "-q").returncode == 0
     assert run("extract", store, "--iso", 0.4, "--distance", 0.5, "--effort", "fast", "-o", mesh, "-q").returncode == 0
     require((folder / "m_0.4.ply").read_bytes() == mesh.read_bytes(), "isovalues together are not those alone")
     fast_budgets(store, both, full, mesh)
-    for options in ((), ("--triangles", 900, "--by", "error"), ("--distance", 1, "--no-simplify"),
-                    ("--distance", 1, "--keep-analysis"), ("--error", 0.1, "--simplify")):
+    for options in ((), ("--distance", 1, "--keep-analysis")):
         done = run("extract", store, "--iso", 0.4, *options, "--effort", "fast", "-o", mesh, "-q")
         require(done.returncode == 2 and "effort" in done.stderr, f"--effort with {options}: {done}")
     done = run("extract", store, "--iso", 0.4, "--effort", "best", "-o", mesh, "-q")
-    require(done.returncode == 2 and "--effort" in done.stderr, f"--effort best alone: {done}")
+    require(done.returncode == 2 and "effort" in done.stderr, f"--effort best alone: {done}")
     done = run("extract", store, "--iso", 0.4, "--distance", 1, "--effort", "slow", "-o", mesh, "-q")
-    require(done.returncode == 2 and "fast or best" in done.stderr, f"--effort slow: {done}")
+    require(done.returncode == 2 and "none, fast or best" in done.stderr, f"--effort slow: {done}")
     flat = store_of(folder, "plane", u[:1])
     done = run("extract", flat, "--iso", 0.1, "--distance", 1, "--effort", "fast", "-o", folder / "l.obj", "-q")
     require(done.returncode == 2 and "isolines" in done.stderr, f"isolines with --effort: {done}")
@@ -314,7 +314,7 @@ def fast_budgets(store, both, full, mesh):
     report = json.loads(both(store, ("--iso", 0.4), ("--triangles", 10**7)).stdout)
     require(mesh.read_bytes() == full.read_bytes() and report["within_budget"], "enough triangles for all")
     done = both(store, ("--iso", 0.4), ("--triangles", 4))
-    require(done.returncode == 7 and "its parts and holes stay" in done.stderr, f"4 triangles: {done}")
+    require(done.returncode == 7 and "its parts and holes are kept" in done.stderr, f"4 triangles: {done}")
 
 
 def arguments(folder):
@@ -346,21 +346,21 @@ def arguments(folder):
     for options in (("--close",), ("--components", "largest"), ("--triangles", 9), ("--keep-analysis",),
                     ("--box", "3,3,3,15,20,25"), ("--normals",)):
         good = options[0] in ("--box", "--normals")
-        done = extract("--distance", 1, "--no-simplify", *options)
-        require(done.returncode == (0 if good else 2), f"--no-simplify with {options}: {done}")
+        done = extract("--distance", 1, "--effort", "none", *options)
+        require(done.returncode == (0 if good else 2), f"--effort none with {options}: {done}")
     bytes_of = {}
     for text in ("2", "2.0", "1voxel", "1e30", "1e300", "1e-3"):
         done = extract("--distance", text)
         require(done.returncode == 0, f"--distance {text}: {done.stderr}")
         bytes_of[text] = mesh.read_bytes()
     require(bytes_of["2"] == bytes_of["2.0"] == bytes_of["1voxel"], "units differ")
-    # A part of the volume: what it would be without the distance.
+    # A part of the volume has the same topology as without the distance.
     for box in ("3,3,3,15,20,25", "0,0,0,1e9,1e9,20", "500,500,500,501,501,501"):
         codes = [run("extract", store, "--iso", 9.3, "--box", box, "-q", "-o", path, *options).returncode
                  for path, options in ((full, ("--error", 0)), (mesh, ("--distance", 1.5)))]
         require(codes == [0, 0], f"--box {box}: {codes}")
         require(topology(*read_points(full)) == topology(*read_points(mesh)), f"--box {box}: another topology")
-    # Rounding alone moves vertices further than this.
+    # Rounding alone moves vertices farther than this.
     far = store_of(folder, "far", RNG.random((5, 5, 5)), "--origin", "1e6,1e6,1e6")
     done = run("extract", far, "--iso", 0.5, "--distance", 1e-4, "-o", mesh, "-q")
     require(done.returncode == 7 and "32-bit" in done.stderr, f"distance below rounding: {done}")

@@ -1,9 +1,8 @@
-// The fewest segments for a chain, beside those that all pairs of points show.
-#include "query/simplify/lines/fewest_segments.h"
-
+// The minimum number of segments for a chain, compared with a search over all pairs of points.
 #include <algorithm>
 #include <catch2/catch.hpp>
 
+#include "query/simplify/simplify_lines.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -21,7 +20,7 @@ bool is_near(std::span<const PlanePoint> points, std::size_t i, std::size_t j, d
     return true;
 }
 
-/// The fewest by the definition.
+/// The minimum by its definition.
 std::size_t fewest(std::span<const PlanePoint> points, double limit) {
     std::vector<std::size_t> hops(points.size());
     for (std::size_t j = 1; j < points.size(); ++j) {
@@ -41,7 +40,7 @@ std::vector<PlanePoint> wild(int n, int kind) {
     for (int i = 0; i < n; ++i) {
         const double x = noise({i, kind, 0}) - 0.5;
         const double y = noise({i, kind, 1}) - 0.5;
-        if (kind % 4 == 0) {  // on a grid: many directions are the same, some points too
+        if (kind % 4 == 0) {  // on a grid: many directions are equal, some points too
             at = {at[0] + std::round(3 * x), at[1] + std::round(3 * y)};
         } else {
             at = {at[0] + x + 0.2 * (kind % 4), at[1] + y};
@@ -53,7 +52,7 @@ std::vector<PlanePoint> wild(int n, int kind) {
 
 }  // namespace
 
-TEST_CASE("the fewest segments are found, on walks, zigzags and grids") {
+TEST_CASE("the minimum number of segments is found, on walks, zigzags and grids") {
     FewestSegments search;
     for (int kind = 0; kind < 60; ++kind) {
         const std::vector<PlanePoint> points = wild(2 + 2 * kind, kind);
@@ -71,7 +70,7 @@ TEST_CASE("the fewest segments are found, on walks, zigzags and grids") {
     }
 }
 
-TEST_CASE("as many segments stay as are asked for") {
+TEST_CASE("at least the requested number of segments is kept") {
     FewestSegments search;
     std::vector<PlanePoint> points = wild(50, 3);
     CHECK(search.find(points, 1000, 1).size() == 2);
@@ -83,7 +82,7 @@ TEST_CASE("as many segments stay as are asked for") {
                   .size() == n);
     }
     CHECK(search.find(points, 1000, 3).size() == 4);
-    // All on a line but one.
+    // All points on a line except one.
     const std::vector<PlanePoint> flat{{0, 0}, {1, 0}, {2, 0}, {9, 0}, {4, 0}, {3, 0.1}, {0, 0}};
     const auto kept = search.find(flat, 1000, 3);
     CHECK(std::vector<std::uint32_t>(kept.begin(), kept.end()) ==

@@ -1,5 +1,5 @@
-// Successive mappings: displacements against points that are mapped one by one, corner meshes
-// against ones that are made anew, and meshes against sampled distances and counted shapes.
+// Successive mappings: displacements compared with individually mapped points, corner meshes with
+// newly made ones, and meshes with sampled distances and counted topology.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <map>
@@ -8,9 +8,8 @@
 #include <set>
 
 #include "query/simplify/collapse/corner_mesh.h"
-#include "query/simplify/mapping/fan_overlay.h"
-#include "query/simplify/mapping/map_mesh.h"
-#include "query/simplify/mapping/map_patch.h"
+#include "query/simplify/collapse/map_mesh.h"
+#include "query/simplify/collapse/star_mapping.h"
 #include "store/base/workers.h"
 #include "tests/support/surface_samples.h"
 #include "tests/support/test_support.h"
@@ -40,7 +39,8 @@ Triangle new_triangle(const Star& star, std::size_t j) {
     return {star.ring[0], star.ring[j], star.ring[j + 1]};
 }
 
-/// Along which the overlay looks: the ring's vector area, in the border's plane at a border.
+/// The direction of projection of the overlay: the ring's vector area; at a border, in the border's
+/// plane.
 Double3 looks_along(const Star& star) {
     Double3 up{};
     for (std::size_t i = 0; i < star.corners; ++i) {
@@ -56,8 +56,8 @@ Double3 looks_along(const Star& star) {
     return {up[0] / size, up[1] / size, up[2] / size};
 }
 
-/// How far along `up` the plane of a triangle is from `p`, if the triangle is above or below it,
-/// but for `slack` of its size.
+/// The distance along `up` of the plane of a triangle from `p`, if the triangle is above or below
+/// it, up to `slack` of its size.
 std::optional<double> height_to(const Triangle& t, const Double3& p, const Double3& up,
                                 double slack) {
     const Double3 n = cross(minus(t[1], t[0]), minus(t[2], t[0]));
@@ -76,7 +76,7 @@ std::optional<double> height_to(const Triangle& t, const Double3& p, const Doubl
     return h;
 }
 
-/// A ring around the origin with heights of up to `height`.
+/// A ring around the origin with heights up to `height`.
 Star random_star(std::mt19937& random, std::size_t corners, double height) {
     std::uniform_real_distribution<double> number(0, 1);
     constexpr double kTurn = 6.283185307179586;
@@ -91,14 +91,14 @@ Star random_star(std::mt19937& random, std::size_t corners, double height) {
     return star_of(ring);
 }
 
-/// The same with a border through the middle, in a plane across x: the old triangle that is not
-/// there is the first or the last one.
+/// The same with a border through the middle, in a plane perpendicular to x: the missing old
+/// triangle is the first or the last one.
 Star random_border_star(std::mt19937& random, std::size_t corners, double height, bool first) {
     Star star = random_star(random, corners, height);
     std::uniform_real_distribution<double> number(0, 1);
     constexpr double kHalf = 3.141592653589793;
     for (std::size_t i = 0; i < corners; ++i) {
-        // From one end of the border, at -90 degrees, to the other one.
+        // From one end of the border, at -90 degrees, to the other.
         const double share = static_cast<double>(i) / static_cast<double>(corners - 1);
         const double angle = kHalf * (share - 0.5);
         const double far = 0.5 + number(random);
@@ -115,7 +115,7 @@ Star random_border_star(std::mt19937& random, std::size_t corners, double height
     return star;
 }
 
-/// With a border that goes through the middle in a straight line, in any direction.
+/// With a border that passes straight through the middle, in any direction.
 Star random_straight_star(std::mt19937& random, std::size_t corners, double height, bool first) {
     Star star = random_border_star(random, corners, height, first);
     Double3& from = star.ring[star.missing];
@@ -153,7 +153,7 @@ Displacement random_displacement(std::mt19937& random, double size) {
 
 struct Overlaid {
     std::vector<Displacement> before;
-    std::array<Displacement, Star::kMostCorners> after;
+    std::array<Displacement, Star::kMaxCorners> after;
 };
 
 bool overlay(const Star& star, Overlaid& o, double limit) {
@@ -193,7 +193,7 @@ void require_all_displacements(std::mt19937& random, const Star& star) {
         const Triangle t = new_triangle(star, j);
         const Double3 middle = along({0, 0, 0}, 1.0 / 3, along(along(t[0], 1, t[1]), 1, t[2]));
         for_samples(t, kSteps, [&](const Double3& sample) {
-            // What only touches does not overlap.
+            // Touching does not count as overlap.
             const Double3 p = along(middle, 0.999, minus(sample, middle));
             int found = 0;
             for (std::size_t i = 0; i < star.corners; ++i) {
@@ -219,8 +219,8 @@ void require_all_displacements(std::mt19937& random, const Star& star) {
         for (std::size_t a = 0; a < 3; ++a) {
             REQUIRE(static_cast<double>(d.lo[a]) <= lo[a] + 1e-9);
             REQUIRE(static_cast<double>(d.hi[a]) >= hi[a] - 1e-9);
-            // The box is that of the extremes, which lie between samples; old triangles that are
-            // over less than what lies between two samples may be missed by them.
+            // The box contains the extremes, which lie between samples; old triangles smaller than
+            // the distance between samples may be missed.
             REQUIRE(static_cast<double>(d.lo[a]) >= lo[a] - 0.4 - spread);
             REQUIRE(static_cast<double>(d.hi[a]) <= hi[a] + 0.4 + spread);
         }
@@ -259,7 +259,7 @@ CollapseLimits limits_of(double distance) {
     return {distance, static_cast<float>(4 * distance * distance)};
 }
 
-/// Degrees between the normals at each edge of two triangles.
+/// Angles in degrees between the normals at each edge of two triangles.
 template <class Corners>
 std::vector<double> folds_of(const std::vector<std::array<float, 3>>& positions,
                              const std::vector<Corners>& triangles) {
@@ -301,7 +301,7 @@ void require_no_new_folds(const std::vector<std::array<float, 3>>& positions,
     }
 }
 
-/// The smallest height of a triangle over its longest side, in parts of that.
+/// The minimum over the triangles of the height divided by the longest side.
 double thinnest(const Patch& patch, const std::vector<PatchTriangle>& triangles) {
     double least = 1;
     for (const PatchTriangle& t : triangles) {
@@ -352,7 +352,7 @@ Patch back_to_front(Patch patch) {
     return patch;
 }
 
-/// Half of the grid's steps are uneven, so that its triangles are of all shapes.
+/// Half of the grid's steps are uneven, so that its triangles have various shapes.
 Patch rough_grid(std::mt19937& random, std::uint32_t n, double height) {
     Patch patch = wavy_grid(n, 0);
     std::uniform_real_distribution<float> number(-1, 1);
@@ -399,7 +399,7 @@ void fill(ScratchMesh& mesh, const Patch& patch) {
 
 }  // namespace
 
-TEST_CASE("Displacements of a collapse contain those of all points, at borders, too") {
+TEST_CASE("Displacements of a collapse contain those of all points, also at borders") {
     std::mt19937 random(11);
     std::array<int, 2> looked{};
     for (int round = 0; round < 150; ++round) {
@@ -422,9 +422,9 @@ TEST_CASE("Displacements of a collapse contain those of all points, at borders, 
     REQUIRE(looked[1] > 60);
 }
 
-TEST_CASE("A vertex on a spoke of the fan is on both of its sides") {
+TEST_CASE("A vertex on a spoke of the fan is on both sides of it") {
     std::mt19937 random(12);
-    // The middle lies on the line from the first corner to the one across.
+    // The middle lies on the line from the first corner to the opposite one.
     Star star = star_of({{-1, 0, 0.1}, {0, -1, 0.2}, {1, 0, -0.3}, {0, 1, 0.05}});
     require_all_displacements(random, star);
     star = star_of({{-1, 0, 0.1},
@@ -436,30 +436,30 @@ TEST_CASE("A vertex on a spoke of the fan is on both of its sides") {
     require_all_displacements(random, star);
 }
 
-TEST_CASE("Rings that overlap themselves, go round twice or have slivers are refused") {
+TEST_CASE("Rings that overlap themselves, wind twice or have slivers are refused") {
     FanOverlay overlay;
     const std::vector<Double3> square{{1, 1, 0}, {-1, 1, 0.1}, {-1, -1, 0}, {1, -1, 0.2}};
     REQUIRE(overlay.look_at(star_of(square)));
     std::vector<Double3> twice = square;
     twice.insert(twice.end(), square.begin(), square.end());
     REQUIRE_FALSE(overlay.look_at(star_of(twice)));
-    // Wound up: each edge turns left, 8 times a quarter.
+    // A spiral: each edge turns left, 8 times by a quarter.
     for (std::size_t i = 0; i < twice.size(); ++i) {
         const double far = 1 + 0.1 * static_cast<double>(i);
         twice[i] = {far * twice[i][0], far * twice[i][1], 0.1 * static_cast<double>(i)};
     }
     REQUIRE_FALSE(overlay.look_at(star_of(twice)));
-    // Back over itself.
+    // Folded back over itself.
     REQUIRE_FALSE(overlay.look_at(
         star_of({{1, 1, 0}, {-1, 1, 0}, {0, 1.2, 0}, {-1.2, 0.5, 0}, {-1, -1, 0}, {1, -1, 0}})));
-    // Not all of it is seen from the first corner.
+    // Not entirely visible from the first corner.
     REQUIRE_FALSE(overlay.look_at(
         star_of({{3, 0, 0}, {0.1, 0.2, 0}, {0, 3, 0}, {-1, -1, 0}, {0.2, -0.2, 0}})));
     // The middle is on an edge, at a corner, and outside.
     REQUIRE_FALSE(overlay.look_at(star_of({{1, 0, 0}, {0, 1, 0}, {-1, 0, 0}})));
     REQUIRE_FALSE(overlay.look_at(star_of({{0, 0, 0}, {0, 1, 0}, {-1, -1, 0}, {1, -1, 0}})));
     REQUIRE_FALSE(overlay.look_at(star_of({{1, 1, 0}, {2, 1, 0}, {2, 2, 0}, {1, 2, 0}})));
-    // Two corners in one place, and nearly so.
+    // Two corners at the same position, and almost so.
     REQUIRE_FALSE(
         overlay.look_at(star_of({{1, 1, 0}, {-1, 1, 0}, {-1, 1, 0}, {-1, -1, 0}, {1, -1, 0}})));
     REQUIRE_FALSE(overlay.look_at(
@@ -467,7 +467,7 @@ TEST_CASE("Rings that overlap themselves, go round twice or have slivers are ref
     // No area at all.
     REQUIRE_FALSE(overlay.look_at(star_of({{1, 0, 0}, {1, 0, 0}, {1, 0, 0}})));
     REQUIRE_FALSE(overlay.look_at(star_of({{0, 0, 0}, {0, 0, 0}, {0, 0, 0}})));
-    // A border that is not straight, seen from above, or does not go through the middle.
+    // A border that is not straight as seen from above, or does not pass through the middle.
     Star border = star_of({{0, -1, 0}, {1, -1, 0}, {1, 1, 0}, {0, 1, 0.3}});
     border.missing = 3;
     border.axis = 0;
@@ -478,7 +478,7 @@ TEST_CASE("Rings that overlap themselves, go round twice or have slivers are ref
     REQUIRE_FALSE(overlay.look_at(border));
 }
 
-TEST_CASE("Corner meshes stay what they would be if they were made anew") {
+TEST_CASE("Updated corner meshes are the same as newly made ones") {
     std::mt19937 random(13);
     Patch patch = torus(14, 9, 3, 1, 0.1);
     append(patch, wavy_grid(9, 0.2), {10, 0, 0});
@@ -532,7 +532,7 @@ TEST_CASE("Corner meshes stay what they would be if they were made anew") {
     REQUIRE(made > 100);
 }
 
-TEST_CASE("Collapses that would change the topology, or what others see, are refused") {
+TEST_CASE("Collapses that would change the topology, or what other patches share, are refused") {
     const auto allowed = [](std::size_t vertices, const std::vector<PatchTriangle>& triangles,
                             std::uint32_t from, std::uint32_t to, std::vector<bool> locked) {
         locked.resize(vertices);
@@ -548,33 +548,35 @@ TEST_CASE("Collapses that would change the topology, or what others see, are ref
     REQUIRE_FALSE(allowed(4, tetrahedron, 3, 0, {}));
     REQUIRE_FALSE(allowed(3, {{0, 1, 2}, {0, 2, 1}}, 0, 1, {}));
     REQUIRE_FALSE(allowed(3, {{0, 1, 2}}, 0, 1, {}));
-    // A vertex in a square, whose corners others have.
+    // A vertex in a square whose corners are shared with other patches.
     const std::vector<PatchTriangle> square{{0, 1, 4}, {1, 2, 4}, {2, 3, 4}, {3, 0, 4}};
     REQUIRE(allowed(5, square, 4, 0, {}));
     REQUIRE_FALSE(allowed(5, square, 4, 0, {true, true, true, true}));
     REQUIRE(allowed(5, square, 4, 0, {true, true, false, true}));
-    // In a triangle: those beyond it could make the same one.
+    // In a triangle: other patches could make the same triangle.
     const std::vector<PatchTriangle> three{{0, 1, 3}, {1, 2, 3}, {2, 0, 3}};
     REQUIRE_FALSE(allowed(4, three, 3, 0, {true, true, true}));
     REQUIRE(allowed(4, three, 3, 0, {true, true, false}));
-    // Around a vertex with two fans nothing moves.
+    // Vertices with two fans are not moved.
     std::vector<PatchTriangle> fans = square;
     fans.insert(fans.end(), {{0, 5, 6}, {0, 6, 7}});
     REQUIRE_FALSE(allowed(8, fans, 4, 2, {}));
-    // Nor at an edge of three triangles.
+    // Nor are vertices at an edge of three triangles.
     std::vector<PatchTriangle> three_at_edge = square;
     three_at_edge.push_back({0, 4, 5});
     REQUIRE_FALSE(allowed(6, three_at_edge, 4, 2, {}));
 }
 
-TEST_CASE("What is mapped is near both ways, each triangle as near as it says, and has its shape") {
+TEST_CASE(
+    "A mapped mesh is within the distance in both directions, each triangle within its own bound, "
+    "and the topology is preserved") {
     std::mt19937 random(14);
     for (const double limit : {0.05, 0.3, 1.5, 30.0}) {
         require_within(wavy_grid(25, 0.4), limit);
         require_within(torus(40, 16, 5, 1.5, 0.2), limit);
         require_within(rough_grid(random, 25, 0.3), limit);
         require_within(rough_grid(random, 20, 2), limit);
-        // A thin sheet with two sides, and what lies near to it.
+        // A thin sheet with two sides, and other surfaces near it.
         Patch sheet = wavy_grid(20, 0.3);
         append(sheet, back_to_front(wavy_grid(20, 0.3)), {0, 0, 0.05F});
         append(sheet, torus(24, 10, 3, 0.8, 0.1), {10, 10, 0.5F});
@@ -586,7 +588,7 @@ TEST_CASE("What is mapped is near both ways, each triangle as near as it says, a
     REQUIRE(smooth.triangles.size() < 160 * 64 * 2 / 8);
 }
 
-TEST_CASE("Borders in faces of the box are simplified there, others stay") {
+TEST_CASE("Borders in faces of the box are simplified there, others are kept") {
     for (const double height : {0.0, 0.4}) {
         Patch patch = wavy_grid(24, height);
         const MappedPatch free = require_within(patch, 0.5);
@@ -619,9 +621,9 @@ TEST_CASE("Borders in faces of the box are simplified there, others stay") {
     }
 }
 
-TEST_CASE("What other patches have, too, stays, and so do triangles at it") {
+TEST_CASE("Vertices shared with other patches are kept, and so are the triangles at them") {
     Patch patch = torus(30, 12, 4, 1, 0.1);
-    // A piece of it: others have the vertices along its rim.
+    // A piece of it: other patches share the vertices along its rim.
     const std::vector<PatchTriangle> all = patch.triangles;
     patch.triangles.resize(all.size() / 2);
     finish(patch);
@@ -644,10 +646,10 @@ TEST_CASE("What other patches have, too, stays, and so do triangles at it") {
 TEST_CASE("Coincident vertices and triangles without area do no harm") {
     Patch patch = wavy_grid(20, 0.3);
     for (std::uint32_t v = 25; v < 380; v += 19) {
-        patch.positions[v] = patch.positions[v + 1];  // of an edge
+        patch.positions[v] = patch.positions[v + 1];  // across an edge
     }
     for (std::uint32_t v = 210; v < 330; v += 31) {
-        patch.positions[v] = patch.positions[v - 60];  // far away in the mesh
+        patch.positions[v] = patch.positions[v - 60];  // far away along the mesh
     }
     MappedPatch m = mapped(patch);
     map_patch(m, limits_of(0.5));
@@ -657,7 +659,9 @@ TEST_CASE("Coincident vertices and triangles without area do no harm") {
     REQUIRE(sampled_distance(patch.positions, m.triangles, patch.triangles, 6) <= 0.5);
 }
 
-TEST_CASE("Whole meshes are mapped within a distance or to a number, the same for any threads") {
+TEST_CASE(
+    "Whole meshes are mapped within a distance or to a number, with the same result for any "
+    "threads") {
     Patch patch = torus(300, 100, 80, 24, 0.5);
     append(patch, wavy_grid(120, 0.5), {-60, -60, 20});
     for (auto& p : patch.positions) {
@@ -706,7 +710,8 @@ TEST_CASE("Whole meshes are mapped within a distance or to a number, the same fo
     }
 }
 
-TEST_CASE("A surface that is given back while it is mapped leaves the same mesh, and is gone") {
+TEST_CASE(
+    "A surface that is released while it is mapped gives the same mesh, and is gone afterwards") {
     Patch patch = torus(300, 100, 60, 20, 0.3);
     for (auto& p : patch.positions) {
         p = {p[0] + 90, p[1] + 90, p[2] + 30};

@@ -1,7 +1,7 @@
-"""The programs that judge meshes (tools/bench/meshes/mesh_distance.cpp, mesh_quality.cpp) against what numpy finds by
-trying every pair, and against meshes of which everything is known.
+"""The programs that judge meshes (tools/bench/meshes/mesh_distance.cpp, mesh_quality.cpp) compared with brute force in
+numpy, and on meshes with known properties.
 
-usage: mesh_measure_test.py ISONEST PLUGIN_FOLDER    (the programs lie beside ISONEST)
+usage: mesh_measure_test.py ISONEST PLUGIN_FOLDER    (the programs are next to ISONEST)
 """
 import json
 import pathlib
@@ -41,7 +41,7 @@ def near(a, b, tolerance=1e-6):
 
 
 def point_triangle(p, a, b, c):
-    """The distance as the smallest of a projection and three segments, by least squares."""
+    """The distance as the minimum over a projection and three segments, by least squares."""
     found = []
     solved = np.linalg.lstsq(np.stack([b - a, c - a], 1), p - a, rcond=None)[0]
     if solved.min() >= 0 and solved.sum() <= 1:
@@ -54,7 +54,7 @@ def point_triangle(p, a, b, c):
 
 
 def brute(v, t, w, s):
-    """The largest, the mean over the surface and the 99 % quantile, from the ten points and the vertices."""
+    """The maximum, the mean over the surface and the 99 % quantile, from the ten points and the vertices."""
     points = np.einsum("kc,tcx->tkx", TEN, v[t])
     area = np.linalg.norm(np.cross(v[t[:, 1]] - v[t[:, 0]], v[t[:, 2]] - v[t[:, 0]]), axis=1) / 2
     d = np.array([[min(point_triangle(p, *w[u]) for u in s) for p in row] for row in points])
@@ -73,7 +73,7 @@ def grid(n, z, step=1.0):
 
 
 def sphere(level, centre):
-    """An octahedron, each triangle cut into four `level` times, pushed to the unit sphere."""
+    """An octahedron, each triangle divided into four `level` times, projected to the unit sphere."""
     v = [np.array(p, float) for p in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))]
     t = [(0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5)]
     for _ in range(level):
@@ -122,12 +122,12 @@ def planes():
     for side in (found["a_to_b"], found["b_to_a"]):
         for name in ("max", "max_at_most", "mean", "p99", "p99.9"):
             near(side[name], 0.25, 3e-4)
-    # Half a plane: the far edge is as far as the other plane reaches beyond.
+    # Half a plane: the distance of the far edge is the length by which the other plane extends beyond it.
     found = run("distance", a, write("b.ply", *grid(5, 0.0)))
     near(found["a_to_b"]["max"], np.sqrt(32))
     assert found["b_to_a"]["max_at_most"] < 0.004 and found["b_to_a"]["mean"] == 0, found
     assert run("distance", a, write("b.ply", *grid(5, 0.0)), "--stop-above", 1)["stopped"]
-    # One triangle, whose middle is farther than its corners and its ten points: the bound finds the place.
+    # One triangle whose centre is farther than its corners and its ten points: the bound finds the place.
     v = np.array([(0, 0, 0), (9, 0, 0), (0, 9, 0)], float)
     w = np.array([(0, 0, 0), (9, 0, 0), (2.9, 3.3, 3), (0, 9, 0)], float)
     found = run("distance", write("a.ply", v, [(0, 1, 2)]), write("b.ply", w, [(0, 1, 2), (1, 3, 2), (3, 0, 2)]))
@@ -162,14 +162,14 @@ def quality():
     assert run("quality", write("a.ply", v, t))["turned_edges"] == 3
     assert run("quality", write("a.ply", v, t[1:]))["boundary_edges"] == 3
     assert run("quality", write("a.ply", v, np.concatenate([t[1:], t[1:2]])))["repeated_triangles"] == 1
-    # A plane lies with its border in four faces of its box; one step in, it does not.
+    # The border of a plane is in four faces of its box; in a box larger by one step, one side is not.
     v, t = grid(5, 0.0)
     path = write("a.ply", v, t)
     assert run("quality", path)["boundary_edges"] == 16
     assert run("quality", path, "--box", 0, 0, -1, 4, 4, 1)["boundary_edges_inside"] == 0
     assert run("quality", path, "--box", 0, 0, -1, 4, 5, 1)["boundary_edges_inside"] == 4
     near(run("quality", path)["angle_min"], 45)
-    # Two tetrahedra that share a vertex; then an edge; and a speck beside.
+    # Two tetrahedra that share a vertex; that share an edge; and a separate speck.
     v = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (0, 0, -1)], float)
     tetra = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
     other = np.array([0, 4, 5, 6])[tetra]

@@ -1,5 +1,5 @@
-// Blocks that ranks map: what they send each other, to the last bit, and meshes against those that
-// one process makes.
+// Blocks mapped by ranks: their messages, bit by bit, and meshes compared with those of one
+// process.
 #include <array>
 #include <atomic>
 #include <catch2/catch.hpp>
@@ -11,10 +11,10 @@
 
 #include <isonest/error.h>
 
-#include "query/ranks/block_messages.h"
+#include "query/extract/extract_query.h"
 #include "query/ranks/packed_patch.h"
-#include "query/simplify/mapping/map_mesh.h"
-#include "store/base/memory_budget.h"
+#include "query/simplify/collapse/map_mesh.h"
+#include "store/base/memory.h"
 #include "store/base/workers.h"
 #include "tests/support/mapping_ranks.h"
 #include "tests/support/surface_samples.h"
@@ -36,9 +36,8 @@ bool same_bits(const std::vector<T>& a, const std::vector<T>& b) {
 
 bool same_nodes(const std::optional<KeptNodes>& a, const std::optional<KeptNodes>& b) {
     return a.has_value() == b.has_value() &&
-           (!a ||
-            (a->margin == b->margin && a->lattice.origin == b->lattice.origin &&
-             a->lattice.spacing == b->lattice.spacing && a->lattice.nodes == b->lattice.nodes));
+           (!a || (a->margin == b->margin && a->lattice.origin == b->lattice.origin &&
+                   a->lattice.steps == b->lattice.steps && a->lattice.nodes == b->lattice.nodes));
 }
 
 struct PatchKind {
@@ -49,7 +48,7 @@ struct PatchKind {
     bool keeps_nodes = false;
 };
 
-/// Any bits at all, but for the numbers of vertices.
+/// Arbitrary bits, except for the numbers of vertices.
 MappedPatch random_patch(std::mt19937& random, const PatchKind& kind) {
     MappedPatch patch;
     const auto any_float = [&] {
@@ -77,7 +76,8 @@ MappedPatch random_patch(std::mt19937& random, const PatchKind& kind) {
         std::generate(patch.next_copy.begin(), patch.next_copy.end(), any_vertex);
     }
     if (kind.keeps_nodes) {
-        patch.kept_nodes = KeptNodes{{{0.1, -7, 1e300}, {0.3, 1, 2.5}, {7, 1, 1LL << 40}}, 0.25};
+        patch.kept_nodes =
+            KeptNodes{{{0.1, -7, 1e300}, Double3{0.3, 1, 2.5}, {7, 1, 1LL << 40}}, 0.25};
     }
     for (std::uint32_t t = 0; t < kind.triangles; ++t) {
         patch.triangles.push_back({any_vertex(), any_vertex(), any_vertex()});
@@ -93,7 +93,7 @@ MappedPatch random_patch(std::mt19937& random, const PatchKind& kind) {
     return patch;
 }
 
-/// A torus and a grid beside it, in some blocks.
+/// A torus and a grid next to it, in some blocks.
 Patch some_surface() {
     Patch patch = torus(300, 100, 80, 24, 0.5);
     append(patch, wavy_grid(120, 0.5), {-60, -60, 20});
@@ -131,7 +131,7 @@ struct Surface {
     const ScratchFolder& folder;
     WorldLattice lattice;
     PatchBox box;
-    double limit;  ///< 0: down to a number of triangles
+    double limit;  ///< 0: to a number of triangles
     bool consumes = false;
 
     MappedSurface mapped_by(BlockMapping& mapping, int threads) const {
@@ -157,7 +157,7 @@ ExtractOptions options_of(int threads, std::uint64_t memory = std::uint64_t{1} <
     return options;
 }
 
-/// That ranks other than 0 have mapped.
+/// Triangles mapped by ranks other than 0.
 std::uint64_t triangles_of(const std::vector<RankWork>& done) {
     return std::accumulate(
         done.begin() + 1, done.end(), std::uint64_t{0},
@@ -166,7 +166,7 @@ std::uint64_t triangles_of(const std::vector<RankWork>& done) {
 
 }  // namespace
 
-TEST_CASE("Patches and what is left of them come out of their bytes as they were") {
+TEST_CASE("Patches and their results are unchanged after packing and unpacking") {
     std::mt19937 random(34);
     std::vector<PatchKind> kinds{{0, 0},       {1, 0},        {1, 1},
                                  {65536, 999}, {65537, 1000}, {100000, 40000, false, true, true}};
@@ -202,11 +202,11 @@ TEST_CASE("Patches and what is left of them come out of their bytes as they were
         REQUIRE(same_bits(left.patch.displacements, patch.displacements));
         REQUIRE(left.patch.tried == patch.tried);
 
-        // What the shares of the memory are reckoned by.
+        // The bounds used to divide the memory.
         if (kind.vertices <= 3 * kind.triangles) {
-            REQUIRE(packed.size() <= 256 + kind.triangles * kMostPackedPatch);
+            REQUIRE(packed.size() <= 256 + kind.triangles * kMaxPackedPatch);
         }
-        REQUIRE(packed_left.size() <= 64 + 8 * gone.size() + kind.triangles * kMostPackedResult);
+        REQUIRE(packed_left.size() <= 64 + 8 * gone.size() + kind.triangles * kMaxPackedResult);
         if (kind.is_full) {
             REQUIRE(packed.size() <=
                     256 + kind.triangles * 7 + kind.vertices * (kind.has_copies ? 15 : 13));
@@ -218,12 +218,12 @@ TEST_CASE("Patches and what is left of them come out of their bytes as they were
     }
 }
 
-TEST_CASE("Blocks of all lengths arrive whole, in messages of bounded size") {
-    constexpr std::size_t kMost = Communicator::kMostBytes;
+TEST_CASE("Blocks of any length arrive complete, in messages of bounded size") {
+    constexpr std::size_t kMax = Communicator::kMaxBytes;
     std::mt19937 random(2);
     std::vector<std::pair<int, std::vector<std::byte>>> blocks;
-    for (const std::size_t size : {std::size_t{8}, kMost - 1, kMost, kMost + 1, 3 * kMost,
-                                   3 * kMost + 5, std::size_t{9}, std::size_t{1000}}) {
+    for (const std::size_t size : {std::size_t{8}, kMax - 1, kMax, kMax + 1, 3 * kMax, 3 * kMax + 5,
+                                   std::size_t{9}, std::size_t{1000}}) {
         std::vector<std::byte> block(size);
         std::generate(block.begin(), block.end(), [&] { return static_cast<std::byte>(random()); });
         const std::uint64_t length = size;
@@ -234,14 +234,14 @@ TEST_CASE("Blocks of all lengths arrive whole, in messages of bounded size") {
     for (const auto& [to, block] : blocks) {
         sender.add(to, block);
     }
-    std::array<std::uint64_t, 3> announced{sender.messages(0), sender.messages(1),
-                                           sender.messages(2)};
+    std::array<std::uint64_t, 3> prefetched{sender.messages(0), sender.messages(1),
+                                            sender.messages(2)};
     std::array<BlockReceiver, 3> receivers;
     std::size_t whole = 0;
     for (Communicator::Message message; sender.next(message); message = {}) {
         const auto to = static_cast<std::size_t>(message.to);
-        REQUIRE(message.bytes.size() <= kMost);
-        REQUIRE(announced[to]-- > 0);
+        REQUIRE(message.bytes.size() <= kMax);
+        REQUIRE(prefetched[to]-- > 0);
         if (const auto block = receivers[to].take(message.bytes)) {
             REQUIRE(message.to == blocks[whole].first);
             REQUIRE(*block == blocks[whole].second);
@@ -249,14 +249,14 @@ TEST_CASE("Blocks of all lengths arrive whole, in messages of bounded size") {
         }
     }
     REQUIRE(whole == blocks.size());
-    REQUIRE(announced == std::array<std::uint64_t, 3>{});
+    REQUIRE(prefetched == std::array<std::uint64_t, 3>{});
 }
 
-TEST_CASE("A mesh that ranks map is the one that a process maps alone") {
+TEST_CASE("A mesh mapped by ranks is the same as one mapped by a single process") {
     const TemporaryFolder folder;
     Patch patch = some_surface();
     PatchBox box;
-    box.lo[2] = 50 - 0.5F;  // of the grid, somewhere
+    box.lo[2] = 50 - 0.5F;  // across the grid
     WorldLattice lattice;
     lattice.nodes = {221, 221, 61};
     const bool is_stretched = GENERATE(false, true);
@@ -267,7 +267,7 @@ TEST_CASE("A mesh that ranks map is the one that a process maps alone") {
         box.lo[2] = box.lo[2] * 2 + 5;
         box.hi[0] = 59 * 0.4F + 50 * 0.4F - 3;
         lattice.origin = {-3, 0, 5};
-        lattice.spacing = {0.4, 1.5, 2};
+        lattice.steps = Double3{0.4, 1.5, 2};
     }
     ScratchMesh mesh(folder.path());
     fill_mesh(mesh, patch);
@@ -291,7 +291,7 @@ TEST_CASE("A mesh that ranks map is the one that a process maps alone") {
                                                shared = surface.mapped_by(mapping, count);
                                            });
             REQUIRE(shared == alone);
-            // All work, if there is room for what they get.
+            // All ranks work if their memory is enough for blocks.
             const std::uint64_t others = triangles_of(done);
             if (size == 1 || memory == least) {
                 REQUIRE(others == 0);
@@ -331,8 +331,8 @@ TEST_CASE("Ranks serve one mesh after another, and none at all") {
     map_on_ranks(3, options_of(1), [](BlockMapping&) {});
 }
 
-TEST_CASE("A rank that fails while blocks are mapped ends all") {
-    /// Stops after a number of questions.
+TEST_CASE("A rank that fails while blocks are mapped ends all ranks") {
+    /// Stops after a number of calls.
     class Stop : public Progress {
       public:
         explicit Stop(int after) : left_(after) {}
@@ -356,7 +356,7 @@ TEST_CASE("A rank that fails while blocks are mapped ends all") {
                 Stop stop(ranks.rank() == failing ? after : 1000000);
                 try {
                     if (ranks.rank() == 0) {
-                        RankMapping mapping(team, std::uint64_t{1} << 30U);
+                        RankMapping mapping(team, memory_of(options_of(1), "a mesh"));
                         Workers(1).execute([&] {
                             MeshMapper mapper(mesh, lattice, {}, scratch, stop);
                             mapper.map_by(mapping);
@@ -364,7 +364,7 @@ TEST_CASE("A rank that fails while blocks are mapped ends all") {
                         });
                         mapping.finish();
                     } else if (ranks.broadcast({}) == kBlocksToMap) {
-                        serve_blocks(team, "a mesh", options_of(1), stop);
+                        serve_blocks(team, memory_of(options_of(1), "a mesh"), stop);
                     }
                 } catch (const Error& e) {
                     ended += e.kind() == ErrorKind::cancelled ? 1 : 0;
@@ -377,12 +377,12 @@ TEST_CASE("A rank that fails while blocks are mapped ends all") {
     }
 }
 
-TEST_CASE("A rank whose memory holds no block says how much would") {
+TEST_CASE("A rank whose memory holds no block reports how much would") {
     ThreadRanks ranks(2);
     const auto work = [&](Communicator& rank) {
         if (rank.rank() == 1) {
             RankTeam team{rank};
-            serve_blocks(team, "a mesh", options_of(1, kLibraryHeap), silent_progress());
+            serve_blocks(team, memory_of(options_of(1, kLibraryHeap), "a mesh"), silent_progress());
         } else {
             rank.gather({});
         }

@@ -1,13 +1,12 @@
-// Sheets that meet in lines are simplified together: meshes of labels against the full ones, by
-// sampled distances, counted shapes and winding numbers of every node.
+// Sheets that meet in lines are simplified together: meshes of labels compared with the full ones,
+// by sampled distances, counted topology and winding numbers of every node.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <map>
 #include <random>
 
-#include "query/simplify/mapping/map_mesh.h"
-#include "query/simplify/sheets/sheet_mesh.h"
-#include "query/simplify/sheets/sheet_output.h"
+#include "query/simplify/collapse/map_mesh.h"
+#include "query/simplify/collapse/sheet_mesh.h"
 #include "store/base/workers.h"
 #include "tests/support/mapping_ranks.h"
 #include "tests/support/surface_samples.h"
@@ -21,7 +20,7 @@ namespace {
 
 constexpr std::int64_t kOutside = 1000;
 
-/// Labels of n^3 nodes; all around them is kOutside.
+/// Labels of n^3 nodes, surrounded by kOutside.
 struct LabelCube {
     std::int64_t n;
     std::vector<std::int64_t> label;
@@ -74,7 +73,7 @@ struct Interfaces {
     std::vector<Corners> corners;
     std::vector<Side> sides;
 
-    /// The triangles of a label's mesh, facing out of it.
+    /// The triangles of a label's mesh, facing outward.
     [[nodiscard]] std::vector<Corners> of(std::int64_t label) const {
         std::vector<Corners> triangles;
         for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -89,8 +88,7 @@ struct Interfaces {
     }
 };
 
-/// Quads around the edges between nodes, their corners somewhere within `jitter` of the centres of
-/// cells.
+/// Quads around the edges between nodes, with corners within `jitter` of the centres of cells.
 Interfaces interfaces_of(const LabelCube& cube, double jitter, unsigned seed) {
     Interfaces mesh;
     std::mt19937 random(seed);
@@ -118,7 +116,7 @@ Interfaces interfaces_of(const LabelCube& cube, double jitter, unsigned seed) {
                     if (a == b) {
                         continue;
                     }
-                    // Cell c lies between the nodes c - 1 and c.
+                    // Cell c is between the nodes c - 1 and c.
                     Int3 u{};
                     Int3 v{};
                     u[(axis + 1) % 3] = 1;
@@ -188,7 +186,7 @@ class InterfaceCollector : public MeshSink {
 
 struct SimplifiedSheets {
     Interfaces all;
-    std::map<std::int64_t, Interfaces> of;  ///< a label
+    std::map<std::int64_t, Interfaces> of;  ///< label
     std::map<std::int64_t, std::map<std::int64_t, double>> areas;
     double bound = 0;
 };
@@ -208,7 +206,7 @@ SimplifiedSheets simplified(const Interfaces& full, const LabelCube& cube, doubl
     Workers(threads).execute([&] {
         MeshMapper mapper(sheets.vertices(), lattice, {}, folder.path(), silent_progress());
         mapper.take_sheets(sheets.next_copies(),
-                           keeps_nodes ? std::optional(KeptNodes::kLeastMargin) : std::nullopt);
+                           keeps_nodes ? std::optional(KeptNodes::kMinMargin) : std::nullopt);
         mapper.map_by(mapping);
         const Mapped mapped = mapper.within(mapper.full(sheets.triangles()), limit);
         result.bound = mapped.bound;
@@ -244,7 +242,7 @@ std::multiset<std::array<std::array<float, 3>, 3>> places_of(
     return places;
 }
 
-/// How often a closed mesh goes round a point (A. van Oosterom, J. Strackee 1983).
+/// Winding number of a closed mesh around a point (A. van Oosterom, J. Strackee 1983).
 int winding(const std::vector<std::array<float, 3>>& positions,
             const std::vector<Corners>& triangles, const Double3& p) {
     double sum = 0;
@@ -258,11 +256,11 @@ int winding(const std::vector<std::array<float, 3>>& positions,
         sum += std::atan2(dot(a, cross(b, c)),
                           la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb);
     }
-    constexpr double kHalfTurn = 6.283185307179586;  // of half angles
+    constexpr double kHalfTurn = 6.283185307179586;  // the angles are half solid angles
     return static_cast<int>(std::lround(sum / kHalfTurn));
 }
 
-/// Appended, so that distances can be sampled between both.
+/// The vertices of b are appended to those of a, so that distances can be sampled between both.
 double hausdorff(const Interfaces& a, const std::vector<Corners>& of_a, const Interfaces& b,
                  const std::vector<Corners>& of_b) {
     std::vector<std::array<float, 3>> positions = a.positions;
@@ -279,7 +277,7 @@ double hausdorff(const Interfaces& a, const std::vector<Corners>& of_a, const In
 
 }  // namespace
 
-TEST_CASE("Each interface is within the bound of its own, and neighbours share what is left") {
+TEST_CASE("Each interface is within its own bound, and neighbours share the simplified mesh") {
     const LabelCube cube = voronoi(34, 9, 5);
     const Interfaces full = interfaces_of(cube, 0.1, 7);
     for (const double limit : {0.3, 0.8}) {
@@ -316,7 +314,7 @@ TEST_CASE("Each interface is within the bound of its own, and neighbours share w
     }
 }
 
-TEST_CASE("No node far from interfaces changes sides, and none at all where nodes are kept") {
+TEST_CASE("No node far from interfaces changes sides, and no node at all if nodes are kept") {
     const LabelCube cube = voronoi(15, 6, 3);
     const Interfaces full = interfaces_of(cube, 0.2, 1);
     for (const bool keeps : {false, true}) {
@@ -348,11 +346,11 @@ TEST_CASE("No node far from interfaces changes sides, and none at all where node
                 }
             }
         }
-        REQUIRE((changed == 0) == keeps);  // the limit is so large that some do
+        REQUIRE((changed == 0) == keeps);  // the limit is large enough for some to change
     }
 }
 
-TEST_CASE("Sheets of noise keep their shape, and are the same for any threads") {
+TEST_CASE("Sheets of noise keep their topology, and are the same for any threads") {
     for (const unsigned seed : {1U, 2U, 3U}) {
         std::mt19937 random(seed);
         const LabelCube cube = cube_of(40, [&](const Int3& p) {
@@ -371,7 +369,7 @@ TEST_CASE("Sheets of noise keep their shape, and are the same for any threads") 
     }
 }
 
-TEST_CASE("Sheets that ranks map are those that a process maps alone") {
+TEST_CASE("Sheets mapped by ranks are the same as those mapped by one process") {
     std::mt19937 random(8);
     const LabelCube cube = cube_of(
         40, [&](const Int3& p) { return p.x < 8 ? random() % 4 : (p.x + p.y) / 17 + p.z / 23; });

@@ -1,4 +1,4 @@
-"""extract --error E --simplify from outside: what is refused, what is reported, and fewer triangles.
+"""extract --error E, simplified, from outside: what is refused, what is reported, and that there are fewer triangles.
 
 Usage: simplify_error_test.py ISONEST PLUGIN_FOLDER
 """
@@ -37,31 +37,54 @@ with tempfile.TemporaryDirectory(prefix="isonest-simplify-") as name:
         require(done.returncode == 2 and why in done.stderr, f"{options}: {done}")
         require(not mesh.exists(), f"{options}: a mesh is left")
 
-    refused("--error", "--simplify")
-    refused("--error", "--simplify", "--error", 0)
-    refused("--error", "--simplify", "--triangles", 500)
-    refused("--simplify", "--simplify", "--distance", 1)
-    refused("--simplify", "--simplify", "--error", 0.1, "--focus", "1,2,3")
-    refused("--simplify", "--simplify", "--stop", "linf_bar", "--threshold", 0.1)
-    refused("estimate", "--simplify", "--error", 0.1, "--guarantee", "estimate")
-    done = run(*extract, "--error", 0.1, "--simplify", "--memory", "20M")
+    for effort in "fast", "best":
+        refused("effort", "--effort", effort)
+        refused("effort", "--effort", effort, "--error", 0)
+        refused("effort none", "--effort", effort, "--error", 0.1, "--focus", "1,2,3")
+        refused("threshold", "--effort", effort, "--stop", "linf_bar", "--threshold", 0.1)
+        refused("estimate", "--effort", effort, "--error", 0.1, "--indicator", "estimate")
+    refused("effort none", "--effort", "none", "--triangles", 500)
+    done = run(*extract, "--error", 0.1, "--memory", "20M")
     require(done.returncode == 7 and "give at least --memory" in done.stderr, f"20M: {done}")
 
-    plain = json.loads(run(*extract, "--error", 0.2, "--json").stdout)
-    require("nested_triangles" not in plain, "nested_triangles without --simplify")
-    for options in ([], ["--vertices", "exact"], ["--guarantee", "plus"], ["--close"], ["--components", "largest"],
+    plain = json.loads(run(*extract, "--error", 0.2, "--effort", "none", "--json").stdout)
+    require("nested_triangles" not in plain, "nested_triangles without simplification")
+    require((plain["cells"], plain["function"]) == ("tetrahedra", "piecewise linear"), f"{plain}")
+    # Surfaces that cannot be simplified are not, unless it was requested.
+    for options in (["--focus", "1,2,3"], ["--camera", "-9,0,0"], ["--indicator", "estimate"]):
+        report = json.loads(run(*extract, "--error", 0.2, "--json", *options).stdout)
+        require("nested_triangles" not in report, f"{options}: {report}")
+    for options in ([], ["--vertices", "exact"], ["--indicator", "plus"], ["--close"], ["--components", "largest"],
                     ["--box", "2,3,4.5,20,21,22"]):
         if "plus" in options:
             assert run("preprocess", folder / "v.h5", "-o", store, "-q", "--force", "--indicators",
                        "deviation_bar,linf_plus").returncode == 0
-        done = run(*extract, "--error", 0.2, "--simplify", "--json", *options)
+        done = run(*extract, "--error", 0.2, "--json", *options)
         require(done.returncode == 0, f"{options}: {done.stderr}")
         report = json.loads(done.stdout)
         require(0.1 < report["error_bound"] <= 0.2 and report["guaranteed"], f"{options}: {report}")
         require(report["triangles"] < report["nested_triangles"], f"{options}: nothing is simplified: {report}")
-    text = run(*extract, "--error", 0.2, "--simplify").stdout
+    counts = {}
+    for options in (["--cells", "hex", "--effort", "best"], ["--cells", "hex", "--effort", "fast"],
+                    ["--cells", "tet", "--effort", "fast"], ["--effort", "fast", "--close"]):
+        report = json.loads(run(*extract, "--error", 0.2, "--json", *options).stdout)
+        require(0.1 < report["error_bound"] <= 0.2 and report["guaranteed"], f"{options}: {report}")
+        require(("full_error_bound" in report) == ("leaf_hexahedra" in report), f"{options}: {report}")
+        counts[" ".join(options)] = report["triangles"]
+    require(counts["--cells hex --effort best"] < counts["--cells hex --effort fast"], f"{counts}")
+    default = json.loads(run(*extract, "--error", 0.2, "--json").stdout)
+    best = json.loads(run(*extract, "--error", 0.2, "--json", "--effort", "best").stdout)
+    require(default["triangles"] == best["triangles"], f"{default}, {best}")
+    require((default["cells"], default["function"]) == ("hexahedra", "trilinear"), f"{default}")
+    require(default["triangles"] == counts["--cells hex --effort best"], f"{counts}, {default}")
+    text = run(*extract, "--error", 0.05, "--cells", "hex", "--effort", "fast").stdout
+    require("error at most 0." in text and "of the trilinear function on hexahedra" in text
+            and "that stay as at full resolution" in text, text)
+    budget = json.loads(run(*extract, "--triangles", 500, "--by", "error", "--effort", "fast", "--json").stdout)
+    require(budget["triangles"] <= 500 and budget["within_budget"], f"{budget}")
+    text = run(*extract, "--error", 0.2).stdout
     require("error at most 0." in text and "simplified from" in text, text)
-    budget = json.loads(run(*extract, "--triangles", plain["triangles"] // 2, "--by", "error", "--simplify",
+    budget = json.loads(run(*extract, "--triangles", plain["triangles"] // 2, "--by", "error",
                             "--json").stdout)
     require(budget["triangles"] <= plain["triangles"] // 2 and budget["within_budget"]
             and budget["nested_triangles"] > budget["triangles"], f"{budget}")

@@ -1,5 +1,5 @@
 // Isolines within a distance: measured by sampling in both directions, and with the same topology.
-#include "query/simplify/lines/simplify_lines.h"
+#include "query/simplify/simplify_lines.h"
 
 #include <algorithm>
 #include <catch2/catch.hpp>
@@ -23,7 +23,7 @@ struct Drawing {
     std::vector<Point> points;
     std::vector<std::array<std::uint32_t, 2>> lines;
 
-    /// Appends a chain; a loop, if its last point is to be connected with the first.
+    /// Appends a chain, or a loop if its last point is to be connected with the first.
     void add(const std::vector<Point>& chain, bool loop) {
         const auto first = static_cast<std::uint32_t>(points.size());
         const auto n = static_cast<std::uint32_t>(chain.size());
@@ -35,7 +35,7 @@ struct Drawing {
             lines.push_back({first + n - 1, first});
         }
     }
-    /// Lines in another order, some of them turned round.
+    /// Changes the order of the lines, and reverses some of them.
     void shuffle() {
         std::map<double, std::size_t> order;
         for (std::size_t i = 0; i < lines.size(); ++i) {
@@ -69,7 +69,7 @@ double square_distance(const Double3& p, const Point& a, const Point& b) {
     return sum;
 }
 
-/// The largest distance of points on `a` from `b`, `samples` on each line.
+/// The maximum distance of points on `a` from `b`, with `samples` on each line.
 double one_sided(const Drawing& a, const Drawing& b, int samples) {
     double worst = 0;
     for (const auto& line : a.lines) {
@@ -89,7 +89,7 @@ double one_sided(const Drawing& a, const Drawing& b, int samples) {
     return std::sqrt(worst);
 }
 
-/// What has to stay.
+/// The properties that must be preserved.
 struct Kept {
     std::multiset<std::pair<Point, Point>> chains;  ///< their ends, the smaller one first
     std::size_t loops = 0;
@@ -140,7 +140,7 @@ Kept topology(const Drawing& d) {
     return t;
 }
 
-/// `full` and what became of it.
+/// Compares `full` with the simplified lines.
 void check(const Drawing& full, const Drawing& simple, double limit, double bound) {
     CHECK(bound <= limit);
     CHECK(simple.lines.size() <= full.lines.size());
@@ -252,14 +252,14 @@ void check_isolines(FunctionVolume<T>& volume, double iso,
 
 }  // namespace
 
-TEST_CASE("a circle takes as many chords as its sagitta says") {
+TEST_CASE("a circle takes as many chords as its sagitta requires") {
     for (const int n : {40, 700, 5000}) {
         Drawing full;
         full.add(circle(n, 100), true);
         full.shuffle();
         for (const double limit : {0.05, 0.5, 5.0}) {
             const Simplified s = checked(full, limit);
-            // A chord with this sagitta spans twice this angle, down to whole points.
+            // A chord with this sagitta spans twice this angle, rounded down to whole points.
             const double span = 2 * std::acos(1 - limit / 100);
             const double step = 2 * M_PI / n;
             const double each = std::max(1.0, std::floor(span / step * (1 - 1e-9)));
@@ -302,7 +302,7 @@ TEST_CASE("spirals, noise and lines in any plane stay within the distance") {
     }
 }
 
-TEST_CASE("a straight line is one segment however long it is") {
+TEST_CASE("a straight line becomes one segment, however long it is") {
     Drawing full;
     std::vector<Point> line;
     line.reserve(9000);
@@ -332,9 +332,9 @@ TEST_CASE("loops keep three segments and an area, however large the distance") {
     }
 }
 
-TEST_CASE("where lines meet they stay, and lines between the same ends stay apart") {
+TEST_CASE("points where lines meet are kept, and lines between the same ends stay apart") {
     Drawing full;
-    // A wheel without tyre but for one sector, two arcs between the same ends, a drop.
+    // A wheel whose rim has only one sector, two arcs between the same ends, a drop.
     full.add({{0, 0, 0}, {1, 0.1F, 0}, {2, 0, 0}, {2.2F, 1, 0}, {1.2F, 1.3F, 0}}, false);
     full.lines.push_back({4, 0});
     full.points.insert(full.points.end(), {{-1, 0.1F, 0},
@@ -361,7 +361,7 @@ TEST_CASE("where lines meet they stay, and lines between the same ends stay apar
     CHECK(s.lines.lines.size() == 2 + 2 + 2 + 3 + 1);
 }
 
-TEST_CASE("the result does not depend on threads") {
+TEST_CASE("simplified lines do not depend on threads") {
     Drawing full;
     for (int i = 0; i < 40; ++i) {
         full.add(circle(30 + 100 * i, 5 + i, 100 * i), true);

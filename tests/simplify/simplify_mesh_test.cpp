@@ -1,4 +1,4 @@
-// Patches and whole meshes that are simplified: distance and topology, counted independently.
+// Simplified patches and whole meshes: distance and topology, measured independently.
 #include "query/simplify/simplify_mesh.h"
 
 #include <catch2/catch.hpp>
@@ -17,7 +17,8 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// The patch's vertices, where they were and, with numbers that follow, where they are.
+/// The old positions of the patch's vertices, followed by the new positions with the subsequent
+/// numbers.
 std::vector<std::array<float, 3>> both_positions(const Patch& patch, const SimplifiedPatch& s) {
     std::vector<std::array<float, 3>> positions = patch.positions;
     positions.insert(positions.end(), patch.positions.begin(), patch.positions.end());
@@ -46,12 +47,12 @@ SimplifiedPatch require_within(const Patch& patch, double limit) {
     const auto triangles = shifted(s.triangles, patch.positions.size());
     REQUIRE(sampled_distance(positions, patch.fine, triangles, kSteps) <= most);
     REQUIRE(sampled_distance(positions, triangles, patch.fine, kSteps) <= most);
-    REQUIRE(s.first_server.size() == patch.fine.size() + 1);
+    REQUIRE(s.first_witness.size() == patch.fine.size() + 1);
     for (std::size_t i = 0; i < patch.fine.size(); ++i) {
-        REQUIRE(s.servers_of(i).empty() == (patch.servers[i] == kNoServer));
+        REQUIRE(s.witnesses_of(i).empty() == (patch.witnesses[i] == kNoWitness));
         for_samples(patch.at(patch.fine[i]), 3, [&](const Double3& p) {
-            const auto servers = s.servers_of(i);
-            REQUIRE(std::any_of(servers.begin(), servers.end(), [&](std::uint32_t t) {
+            const auto witnesses = s.witnesses_of(i);
+            REQUIRE(std::any_of(witnesses.begin(), witnesses.end(), [&](std::uint32_t t) {
                 return square_distance(p, triangle_at(positions, triangles[t])) <= most * most;
             }));
         });
@@ -88,7 +89,7 @@ void fill(ScratchMesh& mesh, const Patch& patch) {
 
 }  // namespace
 
-TEST_CASE("Patches stay within the limit and of the same shape") {
+TEST_CASE("Patches stay within the limit and keep their topology") {
     for (const double limit : {0.05, 0.3, 1.5, 30.0}) {
         require_within(wavy_grid(25, 0.4), limit);
         require_within(torus(40, 16, 5, 1.5, 0.2), limit);
@@ -119,7 +120,7 @@ TEST_CASE("Patches stay within the limit and of the same shape") {
     }
 }
 
-TEST_CASE("Vertices leave a curved surface where that leaves fewer triangles, but not its border") {
+TEST_CASE("Vertices leave a curved surface if that saves triangles, but do not leave its border") {
     const Patch round = torus(60, 40, 20, 8, 0);
     REQUIRE(require_within(round, 0.3).moved.size() > 20);
     const Patch grid = wavy_grid(30, 0.6);
@@ -136,7 +137,8 @@ TEST_CASE("Vertices leave a curved surface where that leaves fewer triangles, bu
     }
 }
 
-TEST_CASE("Moved vertices that meet others get places of their own, and nothing else moves") {
+TEST_CASE(
+    "Moved vertices that coincide with others get separate positions, and nothing else moves") {
     const TemporaryFolder folder;
     ScratchMesh mesh(folder.path());
     fill(mesh, wavy_grid(4, 0.5));
@@ -146,7 +148,7 @@ TEST_CASE("Moved vertices that meet others get places of their own, and nothing 
                                                    mesh.positions().end());
     MovedVertices::Copies copies(folder.path());
     for (int i = 0; i < 5; ++i) {
-        copies.append({before[3], 7});  // with a vertex of the surface
+        copies.append({before[3], 7});  // at the position of a vertex of the surface
     }
     copies.append({{1.5F, 2.5F, 3.5F}, 2});
     copies.append({{1.5F, 2.5F, 3.5F}, 1});
@@ -187,7 +189,8 @@ TEST_CASE("A small torus or an open tube near a plane does not vanish") {
     require_within(patch, 6);
 }
 
-TEST_CASE("Whole meshes of many blocks stay within the limit, the same for any threads") {
+TEST_CASE(
+    "Whole meshes of many blocks stay within the limit, with the same result for any threads") {
     Patch patch = torus(380, 120, 80, 24, 0.5);
     append(patch, wavy_grid(120, 0.5), {-60, -60, 20});
     for (auto& p : patch.positions) {

@@ -1,11 +1,11 @@
-// Distances between triangles and surfaces, against sampling and against every pair.
+// Distances between triangles and surfaces, compared with sampling and with brute force over all
+// pairs.
 #include <catch2/catch.hpp>
 #include <random>
 
-#include "query/mesh/zero_area.h"
-#include "query/simplify/collapse/collapse_stars.h"
-#include "query/simplify/collapse/placed_collapse.h"
-#include "query/simplify/proof/prepared_triangle.h"
+#include "query/mesh/vertex_stars.h"
+#include "query/simplify/collapse/star_collapse.h"
+#include "query/simplify/proof/point_triangle.h"
 #include "query/simplify/proof/projected_cover.h"
 #include "query/simplify/proof/surface_distance.h"
 #include "tests/support/surface_samples.h"
@@ -53,7 +53,7 @@ struct Surface {
     }
 };
 
-/// Whether the surface stays the same but for its shape if the edge is collapsed.
+/// Whether collapsing the edge preserves the topology of the surface.
 bool is_possible(const Patch& patch, std::uint32_t from, std::uint32_t to) {
     std::vector<bool> locked(patch.positions.size());
     CornerMesh mesh(patch.positions.size(), patch.triangles, locked);
@@ -62,7 +62,7 @@ bool is_possible(const Patch& patch, std::uint32_t from, std::uint32_t to) {
 
 }  // namespace
 
-TEST_CASE("The distance of a point from a triangle is the smallest that is found by trying") {
+TEST_CASE("The distance of a point from a triangle is the minimum that a search finds") {
     std::mt19937 random(1);
     for (int i = 0; i < 3000; ++i) {
         const Triangle t = triangle_of(random, i % 6, i % 7 == 0 ? 1e-3 : 1);
@@ -77,7 +77,7 @@ TEST_CASE("The distance of a point from a triangle is the smallest that is found
         for (int e = 0; e < 3; ++e) {
             step = std::max(step, std::sqrt(square(minus(t[(e + 1) % 3], t[e]))) / kSteps);
         }
-        // Of a needle double finds a point that is not quite the nearest one.
+        // For a needle, double precision gives a point that is not exactly the nearest one.
         REQUIRE(found <= least + (i % 6 == 4 ? 1e-3 : 1e-9));
         REQUIRE(found >= least - step - 1e-9);
         for (int turn = 1; turn < 3; ++turn) {
@@ -88,7 +88,8 @@ TEST_CASE("The distance of a point from a triangle is the smallest that is found
     }
 }
 
-TEST_CASE("A prepared triangle is as far as the triangle, unless it is beyond the limit") {
+TEST_CASE(
+    "A prepared triangle gives the same distance as the triangle, unless it exceeds the limit") {
     std::mt19937 random(7);
     int within = 0;
     for (int i = 0; i < 20000; ++i) {
@@ -107,7 +108,7 @@ TEST_CASE("A prepared triangle is as far as the triangle, unless it is beyond th
     REQUIRE(within > 5000);
 }
 
-TEST_CASE("A tree finds the nearest triangle of all, and visits every near one") {
+TEST_CASE("A tree finds the nearest of all triangles, and visits every near one") {
     std::mt19937 random(2);
     for (const std::uint32_t count : {0U, 1U, 4U, 5U, 200U}) {
         const Surface s(random, count);
@@ -142,7 +143,7 @@ TEST_CASE("A tree finds the nearest triangle of all, and visits every near one")
 }
 
 TEST_CASE(
-    "Nothing counts as near of which a sample is further away, and all that clearly is near") {
+    "No triangle counts as near if a sample of it is farther away, and clearly near ones do") {
     std::mt19937 random(3);
     int near = 0;
     int far = 0;
@@ -164,7 +165,7 @@ TEST_CASE(
         for_samples(t, 20, [&](const Double3& q) {
             worst = std::max(worst, std::sqrt(tree.nearest(q, 1e300).square_distance));
         });
-        bool is_within = false;  // of one triangle
+        bool is_within = false;  // within the limit of one triangle
         for (std::uint32_t u = 0; u < s.triangles.size(); ++u) {
             is_within = is_within || std::all_of(t.begin(), t.end(), [&](const Double3& c) {
                             return square_distance(c, tree.triangle(u)) <= 0.999 * limit * limit;
@@ -182,7 +183,7 @@ TEST_CASE(
         if (distance.serves(t)) {
             for_samples(t, 12, [&](const Double3& q) {
                 REQUIRE(std::any_of(
-                    distance.servers().begin(), distance.servers().end(), [&](std::uint32_t u) {
+                    distance.witnesses().begin(), distance.witnesses().end(), [&](std::uint32_t u) {
                         return square_distance(q, tree.triangle(u)) <= limit * limit * (1 + 1e-9);
                     }));
             });
@@ -192,7 +193,7 @@ TEST_CASE(
     REQUIRE(far > 150);
 }
 
-TEST_CASE("What covers a triangle by projection is near to all samples of it") {
+TEST_CASE("All samples of a triangle that is covered by projection are near") {
     std::mt19937 random(5);
     std::uniform_real_distribution<double> share(-1, 1);
     std::array<int, 2> covered{};
@@ -204,7 +205,7 @@ TEST_CASE("What covers a triangle by projection is near to all samples of it") {
             for (const double limit : {0.05, 0.4, 3.0}) {
                 ProjectedCover cover(surface.positions, surface.triangles, limit);
                 for (int i = 0; i < 400; ++i) {
-                    // Corners that are a few steps from each other.
+                    // Corners a few steps from each other.
                     PatchTriangle t{};
                     t[0] = static_cast<std::uint32_t>(random() % surface.positions.size());
                     for (std::size_t c = 1; c < 3; ++c) {
@@ -216,7 +217,7 @@ TEST_CASE("What covers a triangle by projection is near to all samples of it") {
                     if (has_no_area(p[t[0]], p[t[1]], p[t[2]])) {
                         continue;
                     }
-                    // As it is, and with corners that are beside the surface.
+                    // As it is, and with corners that are off the surface.
                     for (const double beside : {0.0, 0.3}) {
                         Triangle at = surface.at(t);
                         for (Double3& corner : at) {
@@ -249,7 +250,7 @@ TEST_CASE("A hole or a border under a triangle is not covered by projection") {
             .covers(grid.at(t), t[0])
             .has_value();
     };
-    REQUIRE(covers({0, 8, 72}));  // its edges lie along the border
+    REQUIRE(covers({0, 8, 72}));  // its edges are on the border
     REQUIRE(covers({8, 80, 72}));
     REQUIRE_FALSE(covers({0, 72, 8}));  // seen from behind
     grid.triangles.erase(grid.triangles.begin() + 2 * 20);
@@ -257,24 +258,24 @@ TEST_CASE("A hole or a border under a triangle is not covered by projection") {
     REQUIRE(covers({8, 80, 72}));
 }
 
-TEST_CASE("A border does not leave the face of the box that it lies in") {
+TEST_CASE("A border does not leave its face of the box") {
     Patch corner;
     corner.positions = {{0, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 1}};
     corner.triangles = {{0, 1, 3}, {2, 0, 3}};
     finish(corner);
     const auto is_allowed = [&] { return is_possible(corner, 0, 1); };
-    // From 2 to 1: through the inside, although all three have the same x.
+    // From 2 to 1: through the interior, although all three have the same x.
     corner.box.lo = {-5, 0, 0};
     REQUIRE_FALSE(is_allowed());
     corner.box.lo = {0, -5, -5};
     REQUIRE(is_allowed());
-    corner.box.lo = {0, 0, 0};  // a corner of the box stays
+    corner.box.lo = {0, 0, 0};  // a corner of the box is kept
     REQUIRE_FALSE(is_allowed());
-    corner.box.lo = {-5, -5, -5};  // a border somewhere inside, at missing values
+    corner.box.lo = {-5, -5, -5};  // a border somewhere inside, beside missing values
     REQUIRE(is_allowed());
 }
 
-TEST_CASE("A cap does not leave the face of the box that it lies in") {
+TEST_CASE("A cap does not leave its face of the box") {
     // A square pyramid on the plane z = 0, whose base has a vertex in the middle.
     Patch solid;
     solid.positions = {{0, 0, 0}, {2, 0, 0}, {2, 2, 0}, {0, 2, 0}, {1, 1, 0}, {1, 1, 1}};
@@ -294,7 +295,7 @@ TEST_CASE("A cap does not leave the face of the box that it lies in") {
     REQUIRE_FALSE(is_allowed(0, 5));
 }
 
-TEST_CASE("Collapses leave locked vertices and what hangs together through them") {
+TEST_CASE("Collapses keep locked vertices, and the components connected through them") {
     const Patch grid = wavy_grid(30, 0.3);
     std::vector<bool> locked(grid.positions.size());
     std::mt19937 random(4);
@@ -330,7 +331,7 @@ TEST_CASE("Collapses leave locked vertices and what hangs together through them"
     }
 }
 
-TEST_CASE("The place of the smallest quadric error is no worse than places around it") {
+TEST_CASE("The minimum of the quadric error is not worse than positions around it") {
     std::mt19937 random(3);
     std::uniform_real_distribution<double> number(-1, 1);
     const auto point = [&] { return Double3{number(random), number(random), number(random)}; };
@@ -355,7 +356,7 @@ TEST_CASE("The place of the smallest quadric error is no worse than places aroun
     }
 }
 
-TEST_CASE("A collapse into another place looks at the triangles and folds that it makes") {
+TEST_CASE("A collapse to another position considers the triangles and folds that it makes") {
     std::mt19937 random(11);
     std::uniform_real_distribution<double> share(-1, 1);
     int looked = 0;
@@ -377,7 +378,7 @@ TEST_CASE("A collapse into another place looks at the triangles and folds that i
             continue;
         }
         ++looked;
-        // The whole mesh before and after, and its sharpest edges among those of changed triangles.
+        // Compares the whole mesh before and after: its sharpest edges at changed triangles.
         const auto sharpest = [&](const std::vector<std::array<float, 3>>& positions,
                                   const std::vector<PatchTriangle>& triangles, std::uint32_t end) {
             const auto normal = [&](const PatchTriangle& c) {

@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
-"""--index chooses axes in the same way in every format: by name in any case, by synonyms, by number, whole axes.
-
-usage: axis_choice_test.py ISONEST PLUGIN_FOLDER
-"""
+"""--index chooses axes in the same way for every format: by name in upper or lower case, synonym or number; whole
+axes."""
 import json
 import pathlib
 import sys
@@ -26,7 +24,7 @@ except ImportError as error:
 
 
 class Axes(Input):
-    """`data` is [t, z, y, x] or [z, y, x, c]; a format's file has it as the format has such arrays."""
+    """`data` is [t, z, y, x] or [z, y, x, c], stored in each format as the format stores such arrays."""
 
     def note(self, done, *words):
         text = done.stdout + done.stderr
@@ -97,7 +95,7 @@ class Axes(Input):
                 for way in ways:
                     self.reads(data[1], "--index", way)
                 self.lies((0, 0, 0), spacing)
-                # The proposed command is complete.
+                # The suggested command is complete.
                 self.reads(data[0], "--index", f"{name or 0}=0")
                 for words, way in (("no axis 'nothing'", "nothing=1"), ("no axis '5'", "5=1"), ("no axis '-6'", "-6=1"),
                                    ("has no position 3", "0=3"), ("has no position -4", "0=-4"), ("comes twice", f"0=1,-{count}=1"),
@@ -120,13 +118,13 @@ class Axes(Input):
                 done = self.reads(np.ascontiguousarray(data[:, :, 3]), "--index", ":,:,3,:")
                 if name in ("t", "volume"):
                     self.note(done, f"axis '{name}' is no direction in space")
-        # z has one position, and is left out: a stack that was stored as times.
+        # z has one position, and is dropped: a stack that was stored as times.
         data = data[:, :1]
         for name, self.path, spacing, apart in self.in_time(data):
             if name == "volume":
                 continue  # a stack of sections
             with self.subTest(path=self.path.name, flat=True):
-                if name == "t" and self.path.suffix != ".nrrd":  # whose times are axes where there are not three others
+                if name == "t" and self.path.suffix != ".nrrd":  # its times are axes if fewer than three others are
                     self.refuses(5, "--index t=0", "--index t=:")
                 self.reads(data[:, 0], "--index", f"{name or 0}=:")
                 np.testing.assert_allclose(self.info()["spacing"], (*spacing[:2], apart))
@@ -188,7 +186,7 @@ class Axes(Input):
             file["v"] = data
             for i, name in enumerate(("a", "a", "the time", "frame")):
                 file["v"].dims[i].label = name
-        # An axis that is a time is proposed before a slower one, and where a name is not clear, a number.
+        # A time axis is suggested in preference to a slower axis, and a number where a name is ambiguous.
         self.refuses(5, "--index frame=0")
         self.refuses(5, "--index 0=0", options=("--dataset", "v", "--index", "frame=:"))
 

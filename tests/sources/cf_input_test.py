@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Climate and forecast data (CF) in NetCDF-4, NetCDF-3 and HDF5: scaled and placed as xarray has it.
+"""Climate and forecast data (CF) in NetCDF-4, NetCDF-3 and HDF5: scaled and placed as by xarray.
 
 usage: cf_input_test.py ISONEST PLUGIN_FOLDER
 """
@@ -77,7 +77,7 @@ class Cf(Input):
                     else:
                         np.testing.assert_allclose(found, expected, rtol=3e-7, atol=5e-5)
                         self.assertEqual(np.isnan(found).sum(), np.isnan(expected).sum())
-                    self.assertEqual(len(self.notes), 2)  # and that there is no spacing
+                    self.assertEqual(len(self.notes), 2)  # the other one says that there is no spacing
         self.assertIn("plus -5", self.notes[1])
 
     def test_all_types(self):
@@ -129,7 +129,7 @@ class Cf(Input):
                 self.assertEqual(self.notes, ["the coordinates 'z' are not evenly spaced: with the spacing that is given, "
                                               f"nodes lie up to {most} away from theirs"])
                 self.lies([-7, 32, min(levels)], [0.25, 2, spacing])
-            # What rounding to float32 explains, and one level alone, is no matter.
+            # Deviations within the rounding to float32, and a single level, are accepted.
             self.write(data, "f4", fmt, coordinates={**grid, "z": [1, 2, 3], "y": np.float32(4000 - np.arange(5) * 0.1)})
             self.values()
             self.assertEqual(self.notes, [])
@@ -175,7 +175,7 @@ class Cf(Input):
             np.testing.assert_array_equal(self.values(), data)
             np.testing.assert_array_equal(self.values("--dataset", "other")[0], other)
             self.refuses(3, "t [3, 5, 7] int16", options=("--dataset", "u"))
-            # Of one record variable alone, records are not padded.
+            # If there is only one record variable, records are not padded.
             with netCDF4.Dataset(self.path, "w", format=fmt) as file:
                 for dim, length in (("time", None), ("x", 7)):
                     file.createDimension(dim, length)
@@ -206,7 +206,7 @@ class Cf(Input):
                     file.createVariable(name, "f4", ("time", "y", "x"))[:] = data
             whole = self.path.read_bytes()
             record = 50 * 60 * 4
-            for lost in (record + 4, record + 100, 20 * record, 40 * record):  # of b's last record, and of a
+            for lost in (record + 4, record + 100, 20 * record, 40 * record):  # of the last record of b, and of a
                 self.path.write_bytes(whole[:-lost])
                 self.refuses(2, "but the file has", options=("--dataset", "a"))
             self.path.write_bytes(whole[:-record])
@@ -268,7 +268,7 @@ class Cf(Input):
         stored[1, 2, 3], stored[0, 0, 0], stored[3, 4, 5] = 1e20, 0.1, -0.3
         for fmt in FORMATS:
             self.write(stored, "f4", fmt, attributes={"missing_value": np.array([1e20, 0.1], "f8")})
-            # xarray compares in float64 where NumPy is 2 or later, and then finds 0.1 nowhere.
+            # xarray compares in float64 with NumPy 2 or later, and then never finds 0.1.
             np.testing.assert_array_equal(self.values(), np.where(np.isin(stored, np.float32([1e20, 0.1])), np.float32(np.nan), stored))
             self.assertEqual(np.isnan(self.values()).sum(), 2)
             self.write(np.clip(stored, -0.3, 0.1), "f4", fmt, attributes={"valid_range": np.array([-0.3, 0.1], "f8")})
@@ -286,13 +286,13 @@ class Cf(Input):
     def test_labels_of_64_bits_are_kept_beside_a_note(self):
         labels = np.array([0, 7, 2**53 + 1, 2**62 - 1], "i8")[RANDOM.integers(4, size=(4, 5, 6))]
         for fmt in ("NETCDF4", "NETCDF3_64BIT_DATA"):
-            for depths, notes in (([0, 1, 2, 3], 1), ([0, 1, 2, 3.1], 2)):  # one is of the spacing along x and y
+            for depths, notes in (([0, 1, 2, 3], 1), ([0, 1, 2, 3.1], 2)):  # one is about the spacing along x and y
                 with self.subTest(fmt=fmt, depths=depths):
                     self.write(labels, "i8", fmt, coordinates={"z": depths})
                     done = self.preprocess("--json", "--labels")
                     self.assertEqual(done.returncode, 0, done.stderr)
                     self.assertEqual(len(json.loads(done.stdout)["notes"]), notes)
-                    with h5py.File(self.here / "s.isonest") as file:  # as FORMAT.md says
+                    with h5py.File(self.here / "s.isonest") as file:  # the format of FORMAT.md
                         np.testing.assert_array_equal(file["levels/0/values"][:].view("i8") - 0x3FF0000000000000, labels)
 
     def test_hdf5_of_any_axes_and_filters(self):
@@ -313,12 +313,12 @@ class Cf(Input):
     def test_a_netcdf_3_header_that_would_take_much_memory(self):
         self.write(numbers((3, 4, 5), "i2"), "i2", FORMATS[2])
         whole = self.path.read_bytes()
-        nothing = bytes(8)  # where the dataset's own attributes would be listed
+        nothing = bytes(8)  # the place of the list of the dataset's own attributes
         at = whole.index(nothing, 12)
         for count, code in ((300000, 4), (1000, 0)):
             attributes = struct.pack(">ii", 12, count) + struct.pack(">iii", 0, 1, 0) * count
             data = bytearray(whole[:at] + attributes + whole[at + 8:])
-            begin = data.rindex(whole[-120:]) - 4  # the last number of the header: where the values begin
+            begin = data.rindex(whole[-120:]) - 4  # the last number of the header, the offset of the values
             struct.pack_into(">i", data, begin, begin + 4)
             self.path.write_bytes(data)
             done = self.preprocess("--memory", "64M")

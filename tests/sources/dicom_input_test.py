@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""DICOM files as pydicom writes and GDCM's programs pack them.
+"""DICOM files as written by pydicom and compressed by GDCM's programs.
 
 usage: dicom_input_test.py ISONEST PLUGIN_FOLDER
 """
@@ -16,6 +16,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
 
 try:
+    import nibabel
     import numpy as np
     import pydicom
     from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
@@ -67,7 +68,14 @@ class Dicom(DamagedFiles, Module, DicomInput):
         self.assertEqual(done.returncode, 0, done.stderr)
         done = served.run([ISONEST, "check", self.here / "l.isonest", "--source", *files], capture_output=True)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        # A single slice next to the others of its stack: the whole stack was meant.
         self.path = self.path / "im0.dcm"
+        done = self.preprocess()
+        self.assertEqual(done.returncode, 2)
+        self.assertIn(f"one slice of {len(self.data)}: give the folder", done.stderr)
+        self.path = self.here / "alone"
+        self.path.mkdir()
+        self.path = pathlib.Path(shutil.copy(files[0], self.path))
         self.reads(self.data[:1])
         self.lies([1, 2, 3], [0.25, 0.5, 1])
 
@@ -117,7 +125,7 @@ class Dicom(DamagedFiles, Module, DicomInput):
         self.reads(self.data)
         self.lies([10, -20, 30], [0.25, 0.5, 2])
         np.testing.assert_allclose(np.array(self.directions()).reshape(3, 3), turn.T, atol=1e-8)
-        # Along the world's axes, but two of them backward.
+        # Along the world's axes, two of them reversed.
         self.clear()
         for z, plane in enumerate(self.data):
             self.image(plane, f"{z}.dcm", position=(5, 6, z), ImageOrientationPatient=[-1, 0, 0, 0, -1, 0])
@@ -127,7 +135,26 @@ class Dicom(DamagedFiles, Module, DicomInput):
         self.clear()
         for z, plane in enumerate(self.data):
             self.image(plane, f"{z}.dcm", position=(0, 0.2 * z, z))
-        self.refuses(5, "sheared", "--spacing")
+        self.reads(self.data)
+        np.testing.assert_allclose(self.directions()[2], np.array([0, 0.2, 1]) / np.hypot(0.2, 1), atol=1e-6)
+
+    @unittest.skipUnless(shutil.which("dcm2niix"), "dcm2niix is not installed")
+    def test_a_tilted_gantry_lies_where_dcm2niix_puts_it(self):
+        shape = 6, 9, 12
+        data = np.arange(np.prod(shape), dtype="u2").reshape(shape)
+        for z, plane in enumerate(data):
+            self.image(plane, f"{z}.dcm", position=(10, -20 + 0.35 * 2 * z, 30 + 2 * z), Modality="CT", InstanceNumber=str(z + 1))
+        self.reads(data)
+        info = self.info()
+        z, y, x = np.unravel_index(np.arange(data.size), shape)
+        steps = np.array(info["direction"]).reshape(3, 3) * np.array(info["spacing"])[:, None]
+        ours = np.stack((x, y, z), -1) @ steps + info["origin"]
+        subprocess.run(["dcm2niix", "-o", self.here, "-f", "converted", self.path], check=True, capture_output=True)
+        theirs = nibabel.load(self.here / "converted.nii")  # the other file, converted_Tilt, is resampled
+        values = np.asarray(theirs.dataobj)
+        at = nibabel.affines.apply_affine(theirs.affine, np.indices(values.shape).reshape(3, -1).T)
+        at = at[np.argsort(values.ravel())] * [-1, -1, 1]  # RAS to LPS
+        np.testing.assert_allclose(ours, at, atol=1e-4)
 
     def test_one_series_of_several(self):
         self.stack(self.data)
@@ -180,7 +207,7 @@ class Dicom(DamagedFiles, Module, DicomInput):
         for t in range(3):
             self.reads(series[t], "--index", f"t={t}")
         self.refuses(5, "crop", options=("--index", "1,2,:,:"))
-        # Those of one time lie elsewhere in their planes: tiles, or a patient who moved.
+        # Slices of one time are shifted within their planes: tiles, or a patient who moved.
         for z in range(4):
             self.image(series[1, z], f"{3 * z + 1}.dcm", position=(1, 0, z), InstanceNumber=4 + z)
         self.refuses(5, "lies 1 beside", "in the same plane", options=("--index", "t=1"))
@@ -201,7 +228,7 @@ class Dicom(DamagedFiles, Module, DicomInput):
         self.image(self.data, "all.dcm", position=(1, 2, 3), SpacingBetweenSlices=text(4))
         self.reads(self.data)
         self.lies([1, 2, 3], [0.25, 0.5, 4])
-        # Frames in front of the first one.
+        # Frames in negative direction from the first one.
         self.image(self.data, "all.dcm", position=(1, 2, 3), SpacingBetweenSlices=text(-4))
         self.reads(self.data[::-1])
         self.lies([1, 2, 3 - 5 * 4], [0.25, 0.5, 4])
@@ -211,7 +238,7 @@ class Dicom(DamagedFiles, Module, DicomInput):
         self.lies([1, 2, 3], [0.25, 0.5, 3])
 
     def test_reconstructions_of_nuclear_medicine(self):
-        """Their place is their detector's, and frames that have the same slice number are gates."""
+        """Their position is that of their detector, and frames with the same slice number are gates."""
         detector = Dataset()
         detector.ImagePositionPatient, detector.ImageOrientationPatient = ["1", "2", "3"], [1, 0, 0, 0, 1, 0]
         other = Dataset()
@@ -241,7 +268,7 @@ class Dicom(DamagedFiles, Module, DicomInput):
             frame.PixelValueTransformationSequence = Sequence([Dataset()])
             frame.PixelValueTransformationSequence[0].RescaleSlope = "2"
             frame.PixelValueTransformationSequence[0].RescaleIntercept = "-7"
-            # Of no use to the reader, but in its way.
+            # Not used by the reader, which must skip it.
             frame.DerivationImageSequence = Sequence([Dataset()])
             frame.DerivationImageSequence[0].SourceImageSequence = Sequence([Dataset(), Dataset()])
             frame.is_undefined_length_sequence_item = undefined
@@ -288,7 +315,7 @@ class Dicom(DamagedFiles, Module, DicomInput):
                     syntax = pydicom.dcmread(self.path / "im0.dcm").file_meta.TransferSyntaxUID
                     self.assertTrue(syntax.is_compressed, syntax)
                     self.reads(data.astype(kind))
-        # Eight bits in sixteen: streams of sixteen.
+        # Eight of sixteen bits: streams of sixteen bits.
         for way in ("--jpeg", "--jpegls", "--j2k", "--rle"):
             with self.subTest(way=way, bits="8 of 16"):
                 self.clear()
@@ -304,7 +331,7 @@ class Dicom(DamagedFiles, Module, DicomInput):
                 self.image(data, "all.dcm", SpacingBetweenSlices=text(4))
                 self.packed(way)
                 self.reads(data)
-                # Each frame in two fragments: the table of offsets says which belong together.
+                # Each frame in two fragments: the offset table says which belong together.
                 d = pydicom.dcmread(self.path / "all.dcm")
                 frames = list(pydicom.encaps.generate_pixel_data_frame(d.PixelData, 4))
                 halves = [half + b"\0" * (len(half) % 2) if i % 2 else half for frame in frames
@@ -335,7 +362,8 @@ class Dicom(DamagedFiles, Module, DicomInput):
         self.needs_module(program, "isonest_gdcm.so", "isonest")
 
     def test_packed_frames_where_children_are_not_waited_for(self):
-        """A parent that ignores SIGCHLD hands that on; the process that unpacks a frame is then nobody's to collect."""
+        """A parent that ignores SIGCHLD passes that on; then the process that decompresses a frame cannot be waited
+        for."""
         if shutil.which("gdcmconv") is None:
             self.skipTest("no gdcmconv (Debian: libgdcm-tools)")
         self.stack(np.stack([np.arange(24 * 28, dtype="u2").reshape(24, 28) + z for z in range(3)]))
@@ -351,7 +379,7 @@ class Dicom(DamagedFiles, Module, DicomInput):
         self.stack(self.data.repeat(3, 1).repeat(3, 2))
         self.packed("--j2k")
         for file in self.path.glob("*.dcm"):
-            # High-Throughput JPEG 2000, lossless: GDCM does not know it.
+            # High-Throughput JPEG 2000, lossless: not supported by GDCM.
             known, other = b"1.2.840.10008.1.2.4.90", b"1.2.840.10008.1.2.4.201\0"
             data = file.read_bytes()
             self.assertEqual(data.count(b"UI\x16\0" + known), 1)
@@ -392,7 +420,7 @@ class Dicom(DamagedFiles, Module, DicomInput):
         self.assertIn("stored as 3", done.stdout + done.stderr)
 
     def report(self, name):
-        """An object that is no image."""
+        """An object that is not an image."""
         self.image(self.data[0], name, PixelData=None)
         report = pydicom.dcmread(self.path / name)
         report.file_meta.MediaStorageSOPClassUID = report.SOPClassUID = "1.2.840.10008.5.1.4.1.1.88.11"
@@ -416,7 +444,7 @@ class Dicom(DamagedFiles, Module, DicomInput):
         last = self.path / "im4.dcm"
         last.symlink_to(self.here / "nothing")
         self.refuses(3, "im4.dcm", "No such file")
-        # Another file is left out, and so is an object that is no image.
+        # Another file is left out, and so is an object that is not an image.
         last.unlink()
         (self.path / "README").write_text("not DICOM")
         (self.path / "._im1.dcm").write_text("of a file system without forks")
@@ -436,7 +464,7 @@ class Dicom(DamagedFiles, Module, DicomInput):
                 self.assertEqual(good.count(before), 1)
                 (self.path / "a.dcm").write_bytes(good.replace(before, after))
                 self.refuses(4, "a.dcm")
-        # Of another type, though a place is text: three numbers of 8 bytes, one of which is none.
+        # Of another type, although a position is text: three doubles, one of which may not be a number.
         at = good.index(b"\x20\0\x32\0DS")
         (length,) = struct.unpack_from("<H", good, at + 6)
         for last in (33.0, np.nan, np.inf):

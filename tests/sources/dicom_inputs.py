@@ -1,4 +1,4 @@
-"""What the tests of DICOM share: files as pydicom writes them.
+"""Shared by the DICOM tests: files as pydicom writes them.
 
 REQUIRES: sys.argv[1] is the program; pydicom can be imported.
 """
@@ -24,7 +24,7 @@ class DicomInput(Input):
         self.data = RANDOM.integers(0, 4096, (6, 9, 12)).astype("u2")
 
     def image(self, plane, name, syntax=ExplicitVRLittleEndian, position=(0, 0, 0), **more):
-        """A file of an image, or of several."""
+        """A file with one or several images."""
         meta = FileMetaDataset()
         meta.MediaStorageSOPClassUID = more.pop("SOPClassUID", CTImageStorage)
         meta.MediaStorageSOPInstanceUID = more.pop("SOPInstanceUID", None) or generate_uid(entropy_srcs=[str(name)])
@@ -58,7 +58,7 @@ class DicomInput(Input):
         return d
 
     def stack(self, data, places=None, **more):
-        """Files whose names are not in the order of their places."""
+        """Files whose names are not in the order of their positions."""
         for z, plane in enumerate(data):
             place = 2 * z if places is None else places[z]
             self.image(plane, f"im{(z * 5) % 7}.dcm", position=(1, 2, 3 + place), InstanceNumber=len(data) - z, **more)

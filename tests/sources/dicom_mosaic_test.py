@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Siemens mosaics: the slices of a volume side by side in one image. Judge: nibabel.nicom.
+"""Siemens mosaics: the slices of a volume next to each other in one image. Compared with nibabel.nicom.
 
 usage: dicom_mosaic_test.py ISONEST PLUGIN_FOLDER
 """
@@ -25,14 +25,14 @@ except ImportError as error:
 
 
 def csa(tags, newer=True):
-    """The header as Siemens writes it: six items each, the empty ones too."""
+    """The header as Siemens writes it: six items each, including empty ones."""
     out = b"SV10\4\3\2\1" if newer else b""
     out += struct.pack("<II", len(tags), 77)
     for index, (name, values) in enumerate(tags):
         items = [f"{v}".encode() + b"\0" for v in values] + [b""] * (6 - len(values))
         out += struct.pack("<64si4s3i", name.encode(), len(values), {"A": b"SH\0\0", "N": b"US\0\0"}.get(name[0], b"FD\0\0"), 3, len(items), 77)
         for item in items:
-            # In the older form lengths have the number of items of the first tag added.
+            # In the older form lengths are increased by the number of items of the first tag.
             length = len(item) if newer else len(item) + 6
             out += struct.pack("<4i", length, len(item), 77, length) + item + b"\0" * (-len(item) % 4)
     return out + b"\0" * (len(out) % 2)
@@ -66,7 +66,7 @@ class DicomMosaic(DamagedFiles, DicomInput):
         return d
 
     def judged(self, name="m.dcm", header=None):
-        """Values [z, y, x] and the affine of (x, y, z) as nibabel has them. `header`: the newer form of a header of the older one, which
+        """Values [z, y, x] and the affine of (x, y, z) by nibabel. `header`: the newer form of an older header, which
         nibabel cannot read if its first tag has items."""
         wrapper = dicomwrappers.wrapper_from_file(str(self.path / name)) if header is None else dicomwrappers.MosaicWrapper(
             pydicom.dcmread(self.path / name), csareader.read(header))
@@ -74,7 +74,7 @@ class DicomMosaic(DamagedFiles, DicomInput):
         return wrapper.get_data().transpose(2, 0, 1), wrapper.affine[:, [1, 0, 2, 3]]
 
     def lies_as(self, affine):
-        """The first node, and the steps; in axes that nothing turned around."""
+        """Checks the first node and the steps, for axes that were not reversed."""
         done = subprocess.run([ISONEST, "info", self.here / "s.isonest", "--json"], check=True, capture_output=True)
         info = json.loads(done.stdout)
         np.testing.assert_allclose(info["origin"], affine[:3, 3], atol=1e-5)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""DICOM segmentations as volumes of labels: pydicom unpacks the same bits, Pillow's colour management judges the colours.
+"""DICOM segmentations as volumes of labels: pydicom decodes the same bits, Pillow's colour management the same colours.
 
 usage: dicom_segments_test.py ISONEST PLUGIN_FOLDER
 """
@@ -40,7 +40,7 @@ class DicomSegments(DamagedFiles, DicomInput):
 
     def setUp(self):
         super().setUp()
-        # Parts of a volume of labels; no frame where a segment is not.
+        # Segments of a volume of labels; there is no frame where a segment is empty.
         self.labels = np.where(RANDOM.random((6, 9, 11)) < 0.4, RANDOM.choice([1, 2, 5], (6, 9, 11)), 0).astype("u1")
         self.labels[2] = 0
         self.labels[4][self.labels[4] == 2] = 0
@@ -109,7 +109,7 @@ class DicomSegments(DamagedFiles, DicomInput):
                     self.lies([1, 2, 3], [0.25, 0.5, 2])
                     self.assertIn('1 "Liver", 2 "Left kidney", 5 "Niere (rechts)"', done.stdout + done.stderr)
                     self.assertIn("1 of 6 slices have no frame", done.stdout + done.stderr)
-        # One of them.
+        # A single segment.
         for number in (1, 2, 5):
             self.reads(np.where(self.labels == number, number, 0).astype("u1"), "--index", f"segment={number}")
         for bad in (0, 3, -1):
@@ -131,14 +131,14 @@ class DicomSegments(DamagedFiles, DicomInput):
         lab = {}
         for number, color in rgb.items():
             el, a, b = ImageCms.applyTransform(Image.new("RGB", (1, 1), color), to_lab).getpixel((0, 0))
-            # Pillow has L from 0 to 255, a and b from 0 for -128.
+            # Pillow stores L from 0 to 255, and a and b with an offset of 128.
             lab[number] = [round(v / 255 * 65535) for v in (el, a, b)]
         self.segmentation(self.frames(), lab=lab, SpecificCharacterSet="ISO_IR 100", names={**self.names, 5: "Nierenbecken (groß)"})
         self.reads(self.labels, "--labels")
         found = self.names_of()
         self.assertEqual([(n["id"], n["name"]) for n in found], [(1, "Liver"), (2, "Left kidney"), (5, "Nierenbecken (groß)")])
         for entry in found:
-            np.testing.assert_allclose(entry["color"], rgb[entry["id"]], atol=4)  # a and b of 8 bits
+            np.testing.assert_allclose(entry["color"], rgb[entry["id"]], atol=4)  # a and b have 8 bits
         self.segmentation(self.frames(), SpecificCharacterSet="ISO_IR 192", names={**self.names, 2: "κεφαλή"})
         self.reads(np.where(self.labels == 2, 2, 0).astype("u1"), "--labels", "--index", "segment=2")
         self.assertEqual([(n["id"], n["name"]) for n in self.names_of()], [(2, "κεφαλή")])
@@ -152,7 +152,7 @@ class DicomSegments(DamagedFiles, DicomInput):
         want = np.where(self.labels == 2, 2, 0).astype("u1")
         want[3] = both * 2
         self.reads(want, "--index", "segment=2")
-        # Where they do not overlap, they are labels.
+        # If segments do not overlap, they can be labels.
         self.labels[3] = 0
         self.reads(self.labels[4:], "--crop", ":,:,4:")
         self.segmentation(self.frames() + [self.frames()[0]])
@@ -192,7 +192,7 @@ class DicomSegments(DamagedFiles, DicomInput):
             self.reads(np.where(labels == number, labels, 0).astype(kind), "--index", f"segment={number}")
 
     def test_planes_are_even_without_a_spacing_and_turned_as_the_header_says(self):
-        self.segmentation(self.frames(), between=None)  # the thickness is another
+        self.segmentation(self.frames(), between=None)  # the thickness differs
         self.reads(self.labels)
         self.lies([1, 2, 3], [0.25, 0.5, 2])
         turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
@@ -201,7 +201,7 @@ class DicomSegments(DamagedFiles, DicomInput):
         self.reads(self.labels)
         np.testing.assert_allclose(np.array(self.directions()).reshape(3, 3), turn.T, atol=1e-8)
         self.lies([1, 2, 3], [0.25, 0.5, 2])
-        # Against the normal.
+        # In the direction opposite to the normal.
         self.segmentation(self.frames(), step=(0, 0, -2))
         self.reads(np.ascontiguousarray(self.labels[::-1]))
         self.lies([1, 2, -7], [0.25, 0.5, 2])
@@ -218,7 +218,8 @@ class DicomSegments(DamagedFiles, DicomInput):
         self.segmentation([(z, 1, self.labels[0] > 0) for z in (0, 1, 3e7)], names={1: "a"})
         self.refuses(5, "planes")
         self.segmentation([(z, 1, self.labels[0] > 0) for z in (0, 1, 2)], step=(0, 1.5, 2), names={1: "a"})
-        self.refuses(5, "sheared")
+        self.assertEqual(self.preprocess().returncode, 0)
+        np.testing.assert_allclose(self.directions()[2], [0, 0.6, 0.8], atol=1e-6)
         d = self.segmentation([(z, 1, self.labels[0] > 0) for z in (0, 1, 2)], names={1: "a"})
         d.PerFrameFunctionalGroupsSequence[1].PlanePositionSequence[0].ImagePositionPatient = ["1.5", "2", "5"]
         d.save_as(self.path / "seg.dcm")

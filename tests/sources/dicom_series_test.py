@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Which DICOM files become the volume: one series, one stack, one time of many; copies, colours, localizers; values by a table.
+"""Which DICOM files become the volume: one series, one stack, one time; copies, colours, localizers; tables of values.
 
 usage: dicom_series_test.py ISONEST PLUGIN_FOLDER
 """
@@ -36,23 +36,23 @@ class DicomSeries(DicomInput):
         self.stack(self.data)
         self.colours("report.dcm", SeriesInstanceUID="1.2.99", SeriesDescription="Dose report")
         series = pydicom.dcmread(self.path / "im0.dcm").SeriesInstanceUID
-        for options in (("--series", series), ()):  # the other one has no scalar image: there is no choice
+        for options in (("--series", series), ()):  # the other one has no scalar image, so there is only one choice
             said = self.said(self.reads(self.data, *options))
             self.assertIn('another series is left out: 1.2.99  CT "Dose report", 1 not read', said)
             self.assertIn("colours (RGB)", said)
         self.refuses(5, "report.dcm", "colours (RGB)", options=("--series", "1.2.99"))
-        # A damaged slice of another series. Without a choice there are two series.
+        # A damaged slice of another series. Without --series there are two series.
         self.image(self.data[0], "cut.dcm", SeriesInstanceUID="1.2.77")
         whole = (self.path / "cut.dcm").read_bytes()
         (self.path / "cut.dcm").write_bytes(whole[:-len(self.data[0].tobytes()) - 12])
         self.refuses(2, "3 series", "cut.dcm", "--series")
         self.assertIn("cut.dcm", self.said(self.reads(self.data, "--series", series)))
         self.refuses(4, "cut.dcm", "without pixels", options=("--series", "1.2.77"))
-        # A deflated one says of which series it is.
+        # A deflated file, which says to which series it belongs.
         self.image(self.data[0], "deflated.dcm", syntax=DeflatedExplicitVRLittleEndian, SeriesInstanceUID="1.2.66")
         self.assertIn("deflated DICOM file", self.said(self.reads(self.data, "--series", series)))
         self.refuses(5, "deflated", "gdcmconv", options=("--series", "1.2.66"))
-        # It may be of any series if it does not say of which it is.
+        # A file that does not say to which series it belongs may be part of any.
         at = whole.index(b"\x20\0\x0e\0UI")
         (self.path / "cut.dcm").write_bytes(whole[:at + 12])
         self.refuses(4, "cut.dcm", options=("--series", series))
@@ -64,7 +64,7 @@ class DicomSeries(DicomInput):
         said = self.said(self.reads(self.data, "--index", "stack=0"))
         self.assertIn("1 file is left out: ", said)
         self.assertIn("im9.dcm", said)
-        # What is damaged may be a slice of the stack.
+        # The damaged file may be a slice of the stack.
         self.image(self.data[0], "im8.dcm", position=(1, 2, 3 + 12), PixelData=None)
         self.refuses(4, "im8.dcm", "without pixels", options=("--index", "stack=0"))
 
@@ -81,7 +81,7 @@ class DicomSeries(DicomInput):
                 for last in ("stack=1", "stack=-1"):
                     self.reads(scout, "--index", last)
                 self.refuses(2, "no stack 2", options=("--index", "stack=2"))
-        # One that differs in nothing else.
+        # A localizer that differs in nothing else.
         self.image(self.data[0], "scout.dcm", position=(1, 2, 3), ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"])
         self.refuses(5, "scout.dcm is a localizer", "--index")
         self.reads(self.data, "--index", "stack=0")
@@ -98,7 +98,7 @@ class DicomSeries(DicomInput):
         (self.path / "sub").mkdir()
         for name in ("im0.dcm", "im5.dcm"):
             shutil.copy(self.path / name, self.path / "sub" / name)
-        # Another program's preamble and own group: the same object.
+        # A preamble and a file meta group by another program: the same object.
         d = pydicom.dcmread(self.path / "im3.dcm")
         d.file_meta.ImplementationVersionName = "OTHER"
         d.preamble = b"x" * 128
@@ -106,7 +106,7 @@ class DicomSeries(DicomInput):
         said = self.said(self.reads(self.data))
         self.assertIn("3 files are left out: exact copies", said)
         self.lies([1, 2, 3], [0.25, 0.5, 2])
-        # Other contents, be it in the pixels or before them.
+        # Different content, in the pixels or before them.
         changed = pydicom.dcmread(self.path / "im3.dcm")
         changed.PixelData = changed.PixelData[:-1] + b"\x7f"
         other_text = pydicom.dcmread(self.path / "im3.dcm")
@@ -132,7 +132,7 @@ class DicomSeries(DicomInput):
                 self.clear()
                 for z in range(4):
                     for t in range(3):
-                        # Numbers and names of files run otherwise.
+                        # Instance numbers and file names are in another order.
                         self.image(series[t, z], f"{(7 * z + 5 * t) % 29}.dcm", position=(0, 0, z),
                                    InstanceNumber=int((t * 7 + z * 5) % 13), **{keyword: values[t]})
                 listed = ", ".join(f"{float(v):g}" for v in values)
@@ -141,13 +141,13 @@ class DicomSeries(DicomInput):
                     self.assertIn(f"{name} {listed}", self.said(self.reads(series[t], "--index", f"t={t}")))
             self.reads(series[1], "--index", "time=1")
             self.reads(series[2], "--index", "0=2")
-        # The axis t is none of the volume's, be there as many times as slices.
+        # t is not an axis of the volume, even if there are as many times as slices.
         self.clear()
         for z in range(3):
             for t in range(3):
                 self.image(series[t, z], f"{z}{t}.dcm", position=(0, 0, z), TemporalPositionIdentifier=t + 1)
         self.refuses(5, "chooses a time", options=("--index", "t=:,z=0"))
-        # Echoes of times: times first.
+        # Echoes of times: the times come first.
         self.clear()
         six = RANDOM.integers(0, 99, (2, 3, 4, 5, 6)).astype("u2")
         for z in range(4):
@@ -157,7 +157,7 @@ class DicomSeries(DicomInput):
                                TemporalPositionIdentifier=t + 1, EchoNumbers=echo + 1)
         for i in range(6):
             self.reads(six.reshape(6, 4, 5, 6)[i], "--index", f"t={i}")
-        # An acquisition number that counts slices tells nothing.
+        # An acquisition number that counts slices is ignored.
         self.clear()
         for z in range(4):
             for t in range(3):
@@ -193,7 +193,7 @@ class DicomSeries(DicomInput):
         return {"ModalityLUTSequence": Sequence([item])}
 
     def judged(self, name="a.dcm"):
-        """The values that pydicom finds."""
+        """The values by pydicom."""
         d = pydicom.dcmread(self.path / name)
         return apply_modality_lut(d.pixel_array, d)
 
@@ -204,17 +204,17 @@ class DicomSeries(DicomInput):
                     limits = np.iinfo(kind)
                     values = RANDOM.integers(0, 65536, 57)
                     plane = RANDOM.integers(max(limits.min, first - 20), min(limits.max, first + 77), (9, 11)).astype(kind)
-                    plane[0, :2] = limits.min, limits.max + min(first, 0)  # beyond, pydicom overflows
+                    plane[0, :2] = limits.min, limits.max + min(first, 0)  # pydicom overflows beyond these
                     self.image(plane, "a.dcm", syntax=syntax, **self.table(values, first, 16))
                     want = values[np.clip(plane.astype("i8") - first, 0, 56)].astype("u2")
                     np.testing.assert_array_equal(self.judged(), want)
                     self.assertIn("(Modality LUT) of type HU", self.said(self.reads(want)))
-        # The slope counts for nothing beside a table; bits stored do.
+        # With a table the slope is ignored, but bits stored are not.
         plane = RANDOM.integers(0, 4096, (9, 11)).astype("u2")
         values = RANDOM.integers(0, 4096, 4096)
         self.image(plane | 0xA000, "a.dcm", BitsStored=12, HighBit=11, RescaleSlope="3", RescaleIntercept="5", **self.table(values, 0, 12))
         self.reads(values[plane].astype("u2"))
-        # All 65,536 entries; big-endian; of 8 bits, a byte or two each.
+        # All 65,536 entries; big-endian; 8 bits, in one or two bytes each.
         plane = RANDOM.integers(0, 65536, (9, 11)).astype("u2")
         values = RANDOM.permutation(65536)
         self.image(plane, "a.dcm", **self.table(values, 0, 16))
@@ -248,7 +248,7 @@ class DicomSeries(DicomInput):
         self.refuses(5, "a.dcm", "32 bits")
 
     def without_preamble(self, path, own_group):
-        """What is left of a file without its first bytes."""
+        """The file without its first bytes."""
         whole = path.read_bytes()
         d = pydicom.dcmread(path)
         start = 132 if own_group else 132 + 12 + d.file_meta.FileMetaInformationGroupLength
@@ -270,13 +270,15 @@ class DicomSeries(DicomInput):
                     self.reads(self.data)
                     self.lies([1, 2, 3], [0.25, 0.5, 2])
                     folder = self.path
-                    self.path = folder / "im0.dcm"
+                    self.path = folder / "alone" / "im0.dcm"  # next to the others it is refused
+                    self.path.parent.mkdir()
+                    shutil.copy(folder / "im0.dcm", self.path)
                     self.reads(self.data[:1])
                     if shutil.which("gdcminfo"):
                         done = subprocess.run(["gdcminfo", self.path], capture_output=True, text=True)
                         self.assertIn("Dimensions: (12,9,1)", done.stdout)
                     self.path = folder
-        # Beside those that have one, and of these a copy without it.
+        # Next to files with a preamble, one of which has a copy without it.
         self.clear()
         self.stack(self.data)
         self.without_preamble(self.path / "im0.dcm", False)
@@ -285,7 +287,7 @@ class DicomSeries(DicomInput):
         self.assertIn("1 file is left out: exact copies", self.said(self.reads(self.data)))
 
     def test_other_files_are_not_taken_for_dicom(self):
-        """Raw numbers that begin like elements, but for the class that DICOM defines."""
+        """Raw numbers that start like elements, except for the class that DICOM defines."""
         self.image(self.data[0], "a.dcm")
         self.without_preamble(self.path / "a.dcm", False)
         whole = (self.path / "a.dcm").read_bytes()
@@ -296,27 +298,33 @@ class DicomSeries(DicomInput):
             self.refuses(2, "--dims")
 
     def test_a_tilted_gantry(self):
-        """Its angle, the spacing, and what a spacing of one's own loses are said."""
+        """It is read as it is, and a note says what a user's spacing loses."""
         step = np.array([0, 2 * np.tan(np.radians(18.5)), 2])
         for z, plane in enumerate(self.data):
             self.image(plane, f"{z}.dcm", position=[10, 20, 30] + z * step, GantryDetectorTilt="-18.5")
-        self.refuses(5, "sheared", "18.5 degrees", "0.25,0.5,2", "3.346 beside its place", "--spacing")
+        self.reads(self.data)
+        self.lies([10, 20, 30], [0.25, 0.5, np.linalg.norm(step)])
+        steps = np.array(self.directions()) * np.array(self.info()["spacing"])[:, None]
+        np.testing.assert_allclose(steps, [[0.25, 0, 0], [0, 0.5, 0], step], atol=1e-6)
+        self.assertEqual(self.info()["frame"], "LPS")
         said = self.said(self.reads(self.data, "--spacing", "0.25,0.5,2"))
         self.assertIn("18.5 degrees", said)
+        self.assertIn("3.346 beside its place", said)
+        self.assertFalse(self.info()["sheared"])
         self.lies([10, 20, 30], [0.25, 0.5, 2])
-        # Turned as well.
+        # Rotated as well.
         self.clear()
         for z, plane in enumerate(self.data):
             self.image(plane, f"{z}.dcm", position=(z, 2 * z, 0), ImageOrientationPatient=[1, 0, 0, 0, 0, -1])
         said = self.said(self.reads(self.data, "--spacing", "1,1,1"))
         self.assertIn("and so are the directions of its axes", said)
-        # A spacing of one's own leaves backward axes turned around, as in other formats.
+        # With a user's spacing, reversed axes are still reversed, as in other formats.
         self.clear()
         for z, plane in enumerate(self.data):
             self.image(plane, f"{z}.dcm", position=(5, 6, z), ImageOrientationPatient=[-1, 0, 0, 0, -1, 0])
         self.reads(np.ascontiguousarray(self.data[:, ::-1, ::-1]), "--spacing", "1,2,3")
         self.lies([5 - 11 * 0.25, 6 - 8 * 0.5, 0], [1, 2, 3])
-        # An upright one has nothing to lose.
+        # An upright one loses nothing.
         self.clear()
         self.stack(self.data)
         self.assertNotIn("tilt", self.said(self.reads(self.data, "--spacing", "0.25,0.5,2")))

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""The axes of a patient: what files say of them, through the store to exports and meshes, against nibabel, VTK, teem.
+"""Patient axes: what files say about them, from the store to exports and meshes, compared with nibabel, VTK and teem.
 
-A place in RAS is the same place in LPS with x and y negated. The right places are computed here, with NumPy, from
-what each format's own documents say: NIfTI is of RAS; MetaImage, as ITK has it, of LPS; NRRD says which.
+A position in RAS is the same position in LPS with x and y negated. The expected positions are computed here, with
+NumPy, from each format's documentation: NIfTI uses RAS; MetaImage, as ITK defines it, LPS; NRRD says which.
 
 usage: frames_test.py ISONEST PLUGIN_FOLDER
 """
@@ -41,7 +41,7 @@ def ball():
 
 
 def affine(turned, spacing=(0.7, 1.2, 2.5), origin=(-31.0, 12.5, 40.25)):
-    """From indices (i, j, k) to places."""
+    """From indices (i, j, k) to positions."""
     matrix = np.eye(4)
     rotation = np.eye(3)
     if turned:
@@ -120,7 +120,7 @@ class Frames(Input):
         return out, info
 
     def inputs(self, ras):
-        """The same volume at the same places, in four formats; `ras`: its affine in RAS."""
+        """The same volume at the same positions, in four formats; `ras`: its affine in RAS."""
         lps, las = HALF_TURN @ ras, np.diag([-1.0, 1, 1, 1]) @ ras
         paths = {name: self.here / name for name in ("nii.nii", "ras.nrrd", "lps.nrrd", "las.nrrd", "itk.mha")}
         nibabel.save(nibabel.Nifti2Image(self.data.T, ras), paths["nii.nii"])
@@ -131,7 +131,7 @@ class Frames(Input):
         return paths
 
     def as_in_ras(self, info):
-        """What the store says of its places, in RAS: of the low and high corner of the volume."""
+        """The positions of the store's low and high corner, in RAS."""
         d = np.array(info["direction"])
         corners = []
         for corner in np.ndindex(2, 2, 2):
@@ -168,7 +168,7 @@ class Sources(Frames):
         text = re.sub(r"\(([^)]*)\)", r"(\1,0)", text)
         path.write_bytes(text.encode() + self.data.tobytes())
         self.assertEqual(self.store(path)[1]["frame"], "LPS")
-        # Without directions, nothing lies in the space.
+        # Without directions, no position is in the space.
         text = re.sub("space directions: .*\nspace origin: .*\n", "", nrrd_text(affine(False), "space: LPS"))
         path.write_bytes(text.encode() + self.data.tobytes())
         self.assertIsNone(self.store(path)[1]["frame"])
@@ -211,7 +211,7 @@ class Sources(Frames):
 
 class Exports(Frames):
     def values_at(self, matrix, data):
-        """The values by their places, rounded, so that volumes that run backward compare."""
+        """The values by position, rounded, so that reversed volumes can be compared."""
         k, j, i = np.mgrid[:data.shape[0], :data.shape[1], :data.shape[2]]
         places = np.stack([i, j, k, np.ones_like(i)], -1).reshape(-1, 4) @ matrix.T
         order = np.lexsort(np.round(places[:, :3], 3).T)
@@ -239,7 +239,7 @@ class Exports(Frames):
                     reader.SetFileName(str(out))
                     reader.Update()
                     of_vtk = np.array([[reader.GetSFormMatrix().GetElement(r, c) for c in range(4)] for r in range(4)])
-                    of_vtk[:3, :3] *= reader.GetOutput().GetSpacing()  # VTK's has directions alone
+                    of_vtk[:3, :3] *= reader.GetOutput().GetSpacing()  # VTK's matrix only has the directions
                     np.testing.assert_allclose(of_vtk, image.affine, atol=1e-4)
                     out = self.here / "e.nrrd"
                     self.run_it("export", store, "--field", "values", "-o", out, "--force")
@@ -260,7 +260,7 @@ class Exports(Frames):
         self.run_it("export", store, "--field", "values", "-o", self.here / "e.nrrd")
         head = subprocess.run([TEEM, "head", self.here / "e.nrrd"], capture_output=True, text=True, check=True).stdout
         self.assertRegex(head, "(?m)^space: left-posterior-superior$")
-        # teem reads the whole of it, and keeps the space.
+        # teem reads all of it, and keeps the space.
         done = subprocess.run([TEEM, "crop", "-i", self.here / "e.nrrd", "-min", "0", "0", "0", "-max", "M", "M", "M", "-o",
                                self.here / "c.nrrd"], capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
@@ -268,7 +268,7 @@ class Exports(Frames):
         np.testing.assert_allclose(nrrd_affine(self.here / "c.nrrd"), affine(True), rtol=1e-12)
 
     def test_the_letters_of_meta_image_are_those_that_itk_derives(self):
-        # ITK's letters say from which side each axis comes: of LPS directions the identity is RAI.
+        # ITK's letters say from which side each axis comes: with the identity in LPS they are RAI.
         for matrix, letters in (((1, 0, 0), (0, 1, 0), (0, 0, 1)), "RAI"), (((-1, 0, 0), (0, -1, 0), (0, 0, 1)), "LPI"), \
                 (((0, 1, 0), (0, 0, 1), (1, 0, 0)), "AIR"), (((0, 0, -1), (1, 0, 0), (0, -1, 0)), "SRP"):
             lps = np.eye(4)
@@ -280,7 +280,7 @@ class Exports(Frames):
             expected = "".join("RL"[int(v[0] < 0)] if abs(v[0]) > 0.5 else "AP"[int(v[1] < 0)] if abs(v[1]) > 0.5
                                else "IS"[int(v[2] < 0)] for v in written)
             self.assertEqual(mha_fields(self.here / "l.mha")["AnatomicalOrientation"], expected)
-            if np.allclose(written, np.array(matrix)):  # else axes were turned round
+            if np.allclose(written, np.array(matrix)):  # otherwise axes were reversed
                 self.assertEqual(expected, letters)
 
     def test_round_trips_leave_the_volume_where_it_was(self):
@@ -289,7 +289,7 @@ class Exports(Frames):
             path = self.inputs(ras)["nii.nii"]
             for ending in (".mha", ".nrrd", ".h5", ".nii", ".mha", ".nii"):
                 store, info = self.store(path)
-                frame = {".mha": "LPS", ".nii": "RAS"}.get(path.suffix, info["frame"])  # the others say that of the store
+                frame = {".mha": "LPS", ".nii": "RAS"}.get(path.suffix, info["frame"])  # others have the store's frame
                 self.assertEqual(info["frame"], frame)
                 path = self.here / f"trip{'x' if path.stem == 'trip' else ''}{ending}"
                 self.run_it("export", store, "--field", "values", "-o", path, "--force")
@@ -310,7 +310,7 @@ class Exports(Frames):
         self.assertEqual(mha_fields(self.here / "o.mha")["AnatomicalOrientation"], "???")
         with h5py.File(self.here / "o.h5") as f:
             self.assertNotIn("frame", f["data"].attrs)
-        for ending in (".nrrd", ".mha", ".h5"):  # and so it comes back
+        for ending in (".nrrd", ".mha", ".h5"):  # it is still unknown when read again
             self.assertIsNone(self.store(self.here / f"o{ending}")[1]["frame"])
 
     def test_large_axes_and_smooth_have_the_frame_too(self):
@@ -332,7 +332,7 @@ READERS = {".ply": vtk.vtkPLYReader, ".stl": vtk.vtkSTLReader, ".obj": vtk.vtkOB
 
 
 def read_mesh(path):
-    """Positions, triangles, normals or None, and what 3D Slicer would take for the space of the file."""
+    """Positions, triangles, normals or None, and the space of the file as 3D Slicer determines it."""
     reader = READERS[path.suffix]()
     reader.SetFileName(str(path))
     if path.suffix == ".stl":
@@ -356,7 +356,7 @@ def read_mesh(path):
 
 
 def facets(points, triangles):
-    """Corners of all triangles, in an order that does not depend on theirs; and the volume inside."""
+    """The centres of all triangles, in an order that does not depend on the mesh; and the enclosed volume."""
     corners = points[triangles]
     volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
     middles = corners.mean(axis=1)
@@ -365,7 +365,7 @@ def facets(points, triangles):
 
 class Meshes(Frames):
     def test_meshes_of_one_scan_overlay_whatever_its_format_and_theirs(self):
-        """In 3D Slicer, which reads the header, and in niivue, which takes positions for RAS."""
+        """In 3D Slicer, which reads the header, and in niivue, which assumes RAS."""
         for turned in (False, True):
             ras = affine(turned)
             # The surface by another program, in the scan's own indices and then in RAS.
@@ -399,10 +399,11 @@ class Meshes(Frames):
                             self.assertLess(distances.max(), 2e-4)
                             points, triangles, normals, _ = read_mesh(out)
                             _, inside = facets(points, triangles)
-                            # The surface faces the smaller values, which are inside: no triangle is turned inside out.
+                            # The surface faces the smaller values, which are inside: the triangles' orientation is
+                            # right.
                             self.assertLess(inside, 0)
                             volume = volume or inside
-                            self.assertAlmostEqual(inside / volume, 1, delta=1e-3)  # quadrilaterals are cut either way
+                            self.assertAlmostEqual(inside / volume, 1, delta=1e-3)  # quads have either diagonal
                             if normals is not None:
                                 corners = points[triangles]
                                 faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -455,7 +456,7 @@ class Meshes(Frames):
             np.testing.assert_array_equal(of_3mf, points)
             positions[space] = points
         np.testing.assert_array_equal(positions["ras"], positions["lps"] * np.float32([-1, -1, 1]))
-        # Neuroglancer shows the volume beside it by its own numbers.
+        # Neuroglancer shows the volume next to it in its own coordinates.
         self.assertEqual(self.ask(*extract, self.here / "m.ngmesh")["space"], "LPS")
         data = (self.here / "m.ngmesh").read_bytes()
         np.testing.assert_array_equal(np.frombuffer(data, "<f4", 3 * len(positions["lps"]), 4).reshape(-1, 3), positions["lps"])
@@ -516,7 +517,7 @@ class Meshes(Frames):
         error = self.ask("extract", store, "--iso", "2.4", "-o", self.here / "no.ply", "--space", "rsa", code=2)["error"]
         self.assertIn("give ras, lps or as-stored", error["message"])
         self.ask("slice", store, "--plane", "0,0,1,42", "-o", self.here / "no.png", "--space", "ras", code=2)
-        # A volume file can be told what its axes are.
+        # The axes of a volume file can be given as an option.
         out = self.here / "m.ply"
         self.ask("extract", self.here / "u.nrrd", "--iso", "2.4", "-o", out, "--frame", "lps")
         self.assertEqual(read_mesh(out)[3], "RAS")

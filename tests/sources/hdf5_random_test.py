@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Random HDF5 volumes: isonest takes the values that h5py reads, or refuses with an error, and no
-file that is read is ever replaced.
+"""Random HDF5 volumes: isonest reads the same values as h5py, or refuses with an error, and no file
+that is read is ever replaced.
 
 usage: hdf5_random_test.py ISONEST PLUGIN_FOLDER
 
-A short run of fixed seed. ISONEST_RANDOM_FILES=N compares N files, ISONEST_RANDOM_SEED=S begins
-with another seed; file i is made from seed S + i alone, so that what is found comes back with
-ISONEST_RANDOM_FILES=1 and its seed. ISONEST_RANDOM_KEEP=FOLDER keeps the files of what is found.
+By default a short run with a fixed seed. ISONEST_RANDOM_FILES=N compares N files, ISONEST_RANDOM_SEED=S
+starts with another seed; file i depends on the seed S + i alone, so that a finding can be reproduced with
+ISONEST_RANDOM_FILES=1 and its seed. ISONEST_RANDOM_KEEP=FOLDER keeps the files of findings.
 """
 import collections
 import ctypes
@@ -39,7 +39,7 @@ DONT_FILTER_PARTIAL_CHUNKS = 2
 
 
 def library():
-    """The HDF5 that h5py has loaded, for what h5py does not offer."""
+    """The HDF5 library that h5py has loaded, for functions that h5py lacks."""
     for line in open("/proc/self/maps"):
         name = line.split()[-1]
         if "libhdf5" in name and "_hl" not in name and "h5py" not in name:
@@ -51,15 +51,15 @@ HDF5 = library()
 
 
 class Case:
-    """One random volume: makes its files, and says what must come of it."""
+    """One random volume: makes its files, and determines the expected result."""
 
     def __init__(self, seed, folder):
         self.random = np.random.default_rng(seed)
         self.folder = folder
         self.inputs = set()  # all files that are read
-        self.refused = None  # why it must be refused
-        self.refusable = set()  # why it may be
-        self.words = []  # what was chosen
+        self.refused = None  # why it must be refused, or None
+        self.refusable = set()  # why it may be refused
+        self.words = []  # the random choices
         self.main = self.file("main")
         self.dataset = None
         self.make()
@@ -71,7 +71,7 @@ class Case:
         return self.random.random() < part
 
     def file(self, name, end=".h5"):
-        """A new file's path, sometimes in a folder of its own."""
+        """The path of a new file, sometimes in a folder of its own."""
         place = self.folder / (f"d{len(self.words)}" if self.chance(0.2) else "")
         place.mkdir(exist_ok=True)
         return place / f"{name}{len(list(self.folder.rglob('*')))}{end}"
@@ -82,7 +82,7 @@ class Case:
             options["userblock_size"] = int(self.pick(512, 1024, 4096))
             self.words.append("user block")
         f = h5py.File(path, "a", **options)
-        if self.chance(0.5):  # so that offsets differ from file to file
+        if self.chance(0.5):  # so that offsets vary between files
             pad = f"pad{len(f)}"
             f[pad] = self.random.integers(0, 99, int(self.random.integers(1, 5000))).astype("u1")
         return f
@@ -148,7 +148,7 @@ class Case:
         return options
 
     def create(self, group, name, data, layout=None):
-        """A dataset of one's own file, in a random layout."""
+        """A dataset in a random layout, in a file of its own."""
         layout = layout or self.pick("contiguous", "compact", "chunked", "chunked", "chunked",
                                      "external", "unwritten", "partly written")
         shape, dtype = data.shape, data.dtype
@@ -172,8 +172,9 @@ class Case:
         space = h5py.h5s.create_simple(shape, tuple(
             h5py.h5s.UNLIMITED if m is None else m for m in options.pop("maxshape", shape)))
         file_type = h5py.h5t.py_create(dtype, logical=True)
+        # HDF5 since 1.14.4 makes no such types by default.
         if "bits" in self.words and dtype.kind in "iu" and self.chance(0.7) and \
-                "scaleoffset" not in options and not h5py.check_enum_dtype(dtype):
+                h5py.version.hdf5_version_tuple < (1, 14, 4) and "scaleoffset" not in options and not h5py.check_enum_dtype(dtype):
             file_type = file_type.copy()
             file_type.set_precision(11)
             file_type.set_offset(self.pick(0, 3))
@@ -227,13 +228,13 @@ class Case:
         return group.create_dataset(name, data.shape, data.dtype, external=parts)
 
     def create_virtual(self, f, path, name, data):
-        """Parts along the first axis, in files beside, in the same file, or by a pattern."""
+        """A virtual dataset of parts along the first axis, in other files, in the same file, or by a pattern."""
         n = len(data)
         count = int(self.random.integers(1, min(n, 4) + 1))
         pattern = self.chance(0.4)
         edges = np.linspace(0, n, count + 1).astype(int)
         if pattern:
-            while n % count:  # a part may itself be made of parts, and must hold all
+            while n % count:  # parts may be virtual themselves, and must cover everything
                 count -= 1
             edges = np.arange(count + 1) * (n // count)
         tail = data.shape[1:]
@@ -300,7 +301,7 @@ class Case:
     # ---- links
 
     def link(self, f, path, target):
-        """A way to what is in `f` at `path`, perhaps through other files; the file and name."""
+        """Links to `target` in `f`, perhaps through other files; returns the file and name."""
         for _ in range(int(self.random.integers(0, 4))):
             name = f"l{len(self.words)}"
             how = self.pick("hard", "soft", "group", "external", "external", "external group")
@@ -310,7 +311,7 @@ class Case:
                     if how == "hard":
                         try:
                             f[name] = f[target]
-                        except OSError:  # in another file
+                        except OSError:  # it is in another file
                             f[name] = h5py.SoftLink("/" + target)
                     elif how == "soft":
                         f[name] = h5py.SoftLink("/" + target)
@@ -349,7 +350,7 @@ class Case:
 
 
 def expected(case):
-    """What h5py reads, as isonest's types hold it; none if they do not."""
+    """The values by h5py, converted to isonest's types; None if that is impossible."""
     with h5py.File(case.main, "r") as f:
         dataset = f[case.dataset]
         data = dataset[...]
@@ -374,7 +375,7 @@ def contents(folder):
 
 
 def decoys(case, elsewhere):
-    """Other files of the same names where the program runs."""
+    """Other files with the same names in the folder in which the program runs."""
     for path in case.inputs:
         if path.suffix == ".h5" and case.chance(0.3):
             with h5py.File(elsewhere / path.name, "w") as f:

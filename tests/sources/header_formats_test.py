@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""NIfTI, MetaImage, MRC and NumPy files as nibabel, VTK, mrcfile and NumPy write them; parts of volumes.
+"""NIfTI, MetaImage, MRC and NumPy files as written by nibabel, VTK, mrcfile and NumPy; parts of volumes.
 
 usage: header_formats_test.py ISONEST PLUGIN_FOLDER
 """
@@ -92,7 +92,8 @@ class Nifti(DamagedFiles, Input):
         self.lies([0, 0, 0], [2, 0.5, 3])
 
     def test_a_packed_image_whose_z_runs_backward_keeps_its_place(self):
-        """A stream is read from its front: z stays as it runs, and x is turned around, so that axes are right-handed."""
+        """A stream is read from its start: z keeps its direction, and x is reversed so that the axes are
+        right-handed."""
         data = numbers((7, 6, 5))
         for x, y, name in itertools.product((2, -2), (0.5, -0.5), ("v.nii.gz", "v.img.gz")):
             with self.subTest(x=x, y=y, name=name):
@@ -143,12 +144,17 @@ class Nifti(DamagedFiles, Input):
         self.reads(data.T, "--spacing", "1,1,1")
         self.lies([1, 2, 3], [1, 1, 1])
 
-    def test_a_sheared_volume_is_refused(self):
-        self.save(numbers((7, 6, 5)), np.array([[1, 0.5, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1.0]]))
-        self.refuses(5, "sheared", "x and y meet at 63.43 degrees", "1,1.11803,1", "the shear is lost", "--spacing")
+    def test_a_sheared_volume_lies_as_the_file_says(self):
+        data = numbers((7, 6, 5))
+        affine = np.array([[1, 0.5, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1.0]])
+        self.save(data, affine)
+        self.reads(data.T)
+        self.lies([1, 2, 3], [1, np.hypot(0.5, 1), 1])
+        np.testing.assert_allclose(np.array(self.directions()).T * self.info()["spacing"], affine[:3, :3], atol=1e-12)
 
     def test_what_a_spacing_of_ones_own_loses_is_noted(self):
-        """For every affine: the values stay where they are in the file, and a note says what their place loses."""
+        """For every affine: the values keep their order in the file, and a note says what part of their position is
+        lost."""
         data = numbers((7, 6, 5))
         c, s = np.cos(np.radians(18.5)), np.sin(np.radians(18.5))
         turned = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
@@ -199,7 +205,7 @@ class MetaImage(DamagedFiles, Input):
                 self.lies([-1, 5, 7], [1, 2, 3])
 
     def text(self, *lines, data=None, file="LOCAL", kind="MET_SHORT"):
-        """A header as the documents of the format describe it."""
+        """A header as the format's documentation describes it."""
         self.path = self.here / "v.mha"
         header = ["ObjectType = Image", "NDims = 3", "DimSize = 7 6 5", f"ElementType = {kind}", *lines,
                   f"ElementDataFile = {file}"]
@@ -287,7 +293,7 @@ class MetaImage(DamagedFiles, Input):
         self.text("BinaryData = True", "BinaryDataByteOrderMSB = False", file="LIST\n" + "\n".join(f"s{i}.raw" for i in range(5)))
         self.path = self.path.rename(self.here / "v.mhd")
         self.reads(data)
-        # VTK's image reader takes file names as such patterns give them.
+        # VTK's image reader takes file names by such patterns.
         reader = vtk.vtkImageReader2()
         reader.SetFileDimensionality(2)
         reader.SetFilePattern("%s/s%d.raw")
@@ -375,7 +381,7 @@ class Mrc(DamagedFiles, Input):
                 self.reads(np.ascontiguousarray(expected))
 
     def test_packed_columns_along_other_axes(self):
-        """A stream has them in another order: it is unpacked to temporary space."""
+        """In a stream they are in another order: it is decompressed to temporary space."""
         data = numbers((5, 6, 7), "f4")
         for order, big in itertools.product(itertools.permutations((1, 2, 3)), (False, True)):
             with self.subTest(order=order, big=big):
@@ -404,15 +410,41 @@ class Mrc(DamagedFiles, Input):
         self.refuses(5, "axis 'volume'")
         self.reads(data[2], "--index", "volume=2")
 
+    def test_cells_that_are_not_at_right_angles(self):
+        """By the angles alone: edges of these lengths, a along x, b in the plane of x and y."""
+        data = numbers((5, 6, 7), "f4")
+        for angles in ((90, 90, 120), (90, 104.5, 90), (80, 75, 110), (60, 60, 60)):
+            with self.subTest(angles=angles):
+                self.save(data, voxel_size=(1.5, 2, 2.5))
+                with mrcfile.open(self.path, "r+") as file:
+                    for name, angle in zip(("alpha", "beta", "gamma"), angles):
+                        file.header.cellb[name] = angle
+                    file.header.nxstart, file.header.nystart, file.header.nzstart = 3, -4, 5
+                    file.header.origin = (0, 0, 0)
+                self.reads(data)
+                steps = np.array(self.directions()) * np.array(self.info()["spacing"])[:, None]
+                np.testing.assert_allclose(np.linalg.norm(steps, axis=1), [1.5, 2, 2.5], rtol=1e-6)
+                for angle, a, b in zip(angles, (1, 0, 0), (2, 2, 1)):
+                    cosine = steps[a] @ steps[b] / np.linalg.norm(steps[a]) / np.linalg.norm(steps[b])
+                    self.assertAlmostEqual(np.degrees(np.arccos(cosine)), angle, 4)
+                np.testing.assert_allclose(steps[0, 1:], 0, atol=1e-9)
+                np.testing.assert_allclose(steps[1, 2], 0, atol=1e-9)
+                self.assertGreater(np.linalg.det(steps), 0)
+                np.testing.assert_allclose(self.info()["origin"], np.array([3, -4, 5]) @ steps, atol=1e-5)
+                with mrcfile.open(self.path, "r+") as file:
+                    file.header.origin = (1, 2, 3)
+                self.reads(data)
+                np.testing.assert_allclose(self.info()["origin"], [1, 2, 3])
+                done = self.reads(data, "--spacing", "1,1,1")
+                self.assertIn("a shear (", done.stdout + done.stderr)
+        with mrcfile.open(self.path, "r+") as file:
+            file.header.cellb.alpha, file.header.cellb.beta, file.header.cellb.gamma = 30, 40, 100
+        self.refuses(4, "no cell has the angles", "--spacing")
+        done = self.reads(data, "--spacing", "1,1,1")
+        self.assertIn("no cell has the angles", done.stdout + done.stderr)
+
     def test_what_cannot_be_read_is_refused(self):
         data = numbers((5, 6, 7), "f4")
-        self.save(data, voxel_size=1)
-        raw = bytearray(self.path.read_bytes())
-        raw[52:56] = np.float32(80).tobytes()
-        self.path.write_bytes(raw)
-        self.refuses(5, "alpha, beta and gamma are 80, 90 and 90 degrees; the spacing is 1, 1, 1", "changes the shape", "--spacing")
-        done = self.reads(data, "--spacing", "1,1,1")
-        self.assertIn("the angles of the cell (80, 90 and 90 degrees) are ignored", done.stdout + done.stderr)
         self.save(data.astype("c8"))
         self.refuses(5, "mode")
 
@@ -432,7 +464,7 @@ class Mgh(DamagedFiles, Input):
         return nibabel.load(self.path)
 
     def world(self):
-        """Where the store's nodes lie: x, y, z of the node (0, 0, 0), and its steps."""
+        """The positions of the store's nodes: x, y, z of the node (0, 0, 0), and the steps."""
         info = json.loads(served.run([ISONEST, "info", self.here / "s.isonest", "--json"], check=True, capture_output=True).stdout)
         return np.array(info["origin"]), np.array(info["direction"]) * np.array(info["spacing"])[:, None], info
 
@@ -446,7 +478,7 @@ class Mgh(DamagedFiles, Input):
                 self.assertEqual(self.world()[2]["unit"], "mm")
 
     def test_the_place_is_that_of_nibabel(self):
-        """A half turn, an oblique one and axes that run backward; odd and even sizes, of which the middle differs."""
+        """A rotation by 180 degrees, an oblique one and reversed axes; odd and even sizes, whose middles differ."""
         c, s = np.cos(0.4), np.sin(0.4)
         for directions, shape in itertools.product((np.eye(3), np.diag([-1, 1, 1]), [[-1, 0, 0], [0, 0, 1], [0, -1, 0]],
                                                     [[c, -s, 0], [s, c, 0], [0, 0, 1]]), ((7, 6, 5), (8, 1, 3), (4, 4, 4))):
@@ -476,7 +508,7 @@ class Mgh(DamagedFiles, Input):
         done = self.preprocess()
         self.assertIn("as FreeSurfer does", done.stdout + done.stderr)
         origin, steps, _ = self.world()
-        # FreeSurfer's columns; nibabel's default has y and z the other way round.
+        # FreeSurfer's columns; in nibabel's default y and z are exchanged.
         affine = np.array([[-1, 0, 0], [0, 0, 1], [0, -1, 0]])
         ends = [affine @ (np.array(corner) - [3.5, 3, 2.5]) for corner in itertools.product((0, 6), (0, 5), (0, 4))]
         np.testing.assert_allclose(np.minimum(origin, origin + [6, 5, 4] @ steps), np.min(ends, axis=0), atol=1e-6)
@@ -491,7 +523,7 @@ class Mgh(DamagedFiles, Input):
             self.reads(data[..., 1].T, "--index", "t=1", "--spacing", "1,1,1")
 
     def test_unsigned_shorts(self):
-        """Type 10, which FreeSurfer 7 writes and nibabel does not know."""
+        """Type 10, which FreeSurfer 7 writes and nibabel does not support."""
         data = numbers((7, 6, 5), "u2")
         self.save(data.view("i2"))
         raw = bytearray(self.path.read_bytes())
@@ -508,7 +540,7 @@ class Mgh(DamagedFiles, Input):
         self.refuses(2, "need")
         self.path.write_bytes(whole[:4] + b"\x7f\xff\xff\xff" * 4 + whole[20:])
         self.refuses(5, "2147483647")
-        self.path.write_bytes(whole[:30] + bytes(4) + whole[34:])  # a step of no length
+        self.path.write_bytes(whole[:30] + bytes(4) + whole[34:])  # a step of zero length
         self.refuses(4, "--spacing")
 
     def test_damaged_files(self):
@@ -640,7 +672,7 @@ class Parts(Input):
         served.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.raw"],
                    check=True, capture_output=True)
         np.testing.assert_array_equal(np.fromfile(self.here / "s.raw", "i2"), self.data.ravel())
-        # HDF5 opens files by their names alone.
+        # HDF5 can only open files by name.
         with h5py.File(self.here / "v.h5", "w") as file:
             file.create_dataset("a", data=self.data, chunks=(4, 4, 4), compression="gzip")
             file["b"] = self.data[::-1]

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""Files that are not read as volumes are named, with what converts them; bytes that nobody knows are raw numbers to describe.
+"""Files that cannot be read as volumes are identified, with a program that converts them; unknown bytes are raw
+numbers, which the user must describe.
 
-The bytes are what the formats' own descriptions say, or what other programs write.
+The bytes are those of the formats' descriptions, or as other programs write them.
 
 usage: known_formats_test.py ISONEST PLUGIN_FOLDER
 """
@@ -68,7 +69,7 @@ def plot3d(records, big=False):
 
 
 def spider():
-    """A volume of 7 x 6 x 5; words of the header count from 1."""
+    """A volume of 7 x 6 x 5; words of the header are numbered from 1."""
     words = np.zeros(7 * 37, "<f4")
     for at, value in ((1, 5), (2, 6), (5, 3), (12, 7), (13, 37), (22, 37 * 28), (23, 28)):
         words[at - 1] = value
@@ -89,7 +90,7 @@ JPEG2000 = b"\0\0\0\x0cjP  \r\n\x87\n" + MORE
 XML = '<?xml version="1.0"?>\n'
 VTK = XML + '<VTKFile type="{}" version="1.0" byte_order="LittleEndian" header_type="UInt64">'
 LIF = b"\x70\0\0\0\x40\0\0\0\x2a\x1a\0\0\0<\0L\0M\0S\0" + MORE
-# name, bytes, what it is called, what of the advice has to be there
+# name, bytes, name of the format, required text in the advice
 FILES = (
     ("v.czi", b"ZISRAWFILE" + MORE, "a Zeiss CZI file", "bfconvert 'v.czi' 'v.ome.tif'"),
     ("v.lif", LIF, "a Leica LIF file", "bfconvert"),
@@ -180,7 +181,7 @@ class Known(Input):
                 self.write(name, data)
                 self.refuses(5, "this is ", what, "which is not read: ", advice)
                 self.assertNotIn(UNKNOWN, self.preprocess().stderr)
-                # Options for other formats do not hide it; who describes the numbers knows better.
+                # Options for other formats do not change that, but a user who describes the numbers overrides it.
                 self.refuses(5, what, options=("--dataset", "v"))
                 done = self.preprocess("--dims", "5,4,2", "--type", "uint8", "--offset", "0")
                 self.assertNotIn("this is", done.stderr)

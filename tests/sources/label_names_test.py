@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Names and colours of labels as other programs write them, and what a store keeps of them (FORMAT.md, with h5py).
+"""Names and colours of labels as other programs write them, and what a store keeps (FORMAT.md, with h5py).
 
 usage: label_names_test.py ISONEST PLUGIN_FOLDER
 """
@@ -40,7 +40,7 @@ def run(*arguments, code=0):
 
 
 def names_of(store):
-    """As FORMAT.md says: {id: (name, colour)}."""
+    """The names in the format of FORMAT.md: {id: (name, colour)}."""
     with h5py.File(store) as f:
         if "label_names" not in f:
             assert list(f.attrs["version"]) == [2, 10]
@@ -60,7 +60,7 @@ def names_of(store):
 
 
 def seg_nrrd(path, segments, labels=LABELS, version=4, more=(), layers=0, encoding="gzip"):
-    """As 3D Slicer 5 writes it. segments: name, colour, label, layer as texts."""
+    """As 3D Slicer 5 writes it. segments: name, colour, label, layer as strings."""
     lines = [f"NRRD000{version}", "# Complete NRRD file format specification at:",
              "# http://teem.sourceforge.net/nrrd/format.html", "type: unsigned char",
              f"dimension: {4 if layers else 3}", "space: left-posterior-superior",
@@ -129,11 +129,11 @@ class LabelNames(unittest.TestCase):
         self.assertEqual(self.preprocess(path), (expected, []))
         np.testing.assert_array_equal(self.stored_values(), LABELS)
         self.assertEqual(self.preprocess(path, "--crop", "2:,:,:-1", "--every", 2)[0], expected)
-        self.assertEqual(self.preprocess(path, labels=()), ({}, []))  # not asked for
-        # Of a key that comes again the last value counts, as for teem.
+        self.assertEqual(self.preprocess(path, labels=()), ({}, []))  # not requested
+        # If a key is repeated the last value counts, as in teem.
         twice = seg_nrrd(path, {0: ("first", "0 0 0", "1", "0")}, more=("Segment0_Name:=last",))
         self.assertEqual(self.preprocess(twice)[0], {1: ("last", (0, 0, 0))})
-        # Without a value a segment is of label 1, as in files of one segment before Slicer 4.11.
+        # Without a value a segment has label 1, as in files of one segment before Slicer 4.11.
         self.assertEqual(self.preprocess(seg_nrrd(path, {0: ("old", "0 0 0", None, None)}))[0], {1: ("old", (0, 0, 0))})
 
     def test_segments_that_make_no_sense_are_left_out_with_a_note(self):
@@ -160,7 +160,7 @@ class LabelNames(unittest.TestCase):
             error = run("preprocess", path, "-o", self.out, *options, code=5)["error"]
             self.assertIn("overlap, in 2 layers", error["message"])
             self.assertIn("--index layer=0", error["message"])
-        # A layer has its own segments.
+        # Each layer has its own segments.
         data = np.stack([LABELS, np.where(LABELS == 3, 1, 0).astype(LABELS.dtype)])
         seg_nrrd(path, segments, labels=np.moveaxis(data, 0, -1), layers=2)
         for layer, name in ((0, "Head"), (1, "Mass")):
@@ -256,7 +256,7 @@ class LabelNames(unittest.TestCase):
                     self.assertEqual(self.preprocess(path), (expected, []))
                     np.testing.assert_array_equal(self.stored_values(), LABELS)
                     self.assertEqual(self.preprocess(path, labels=()), ({}, []))
-        # Big-endian headers, a table behind 300 kB of something else, and text without CDATA.
+        # Big-endian headers, a table after 300 kB of something else, and text without CDATA.
         header = nibabel.Nifti1Header(endianness=">")
         image = nibabel.Nifti1Image(LABELS.T, np.eye(4), header)
         image.header.extensions.append(nibabel.nifti1.Nifti1Extension(6, RANDOM.bytes(300_000)))
@@ -265,7 +265,7 @@ class LabelNames(unittest.TestCase):
         image.header.extensions.append(nibabel.nifti1.Nifti1Extension(30, plain + b"\n \0\0"))
         nibabel.save(image, self.here / "b.nii.gz")
         self.assertEqual(self.preprocess(self.here / "b.nii.gz"), (expected, []))
-        # Other extensions are none of it.
+        # Other extensions are ignored.
         self.assertEqual(self.preprocess(self.nifti((4, xml), (6, xml))), ({}, []))
 
     def test_the_label_table_is_that_of_the_volume_that_is_read(self):
@@ -295,7 +295,7 @@ class LabelNames(unittest.TestCase):
         names, notes = self.preprocess(self.nifti((30, xml)))
         self.assertEqual(names, {2: ("b", None), 3: ("c", None), 4: ("d", (0, 0, 255)), 5: ("", (0, 0, 255))})
         self.assertIn("5 things were left out", notes[0])
-        # Sizes that cannot be.
+        # Impossible sizes.
         path = self.nifti((30, whole))
         good = path.read_bytes()
         for size in (0, 7, -8, 2**31 - 1):
@@ -334,7 +334,7 @@ class LabelNames(unittest.TestCase):
         for text, line, words in (
                 ("1 a 1 2 3\n\n2 left lung 1 2 3 4\n", 3, "not of the form"), ("# x\n1 a 1 2\n", 2, "not of the form"),
                 ("1 a 1 2 256 0\n", 1, "from 0 to 255"), ("1 a 1 2 0.5 0\n", 1, "'0.5' is no whole number"),
-                ("x a 1 2 3\n", 1, "'x' is no whole number"), ("1 a\n2 b\n1 c\n", 3, "label 1 comes a second time"),
+                ("x a 1 2 3\n", 1, "'x' is no whole number"), ("1 a\n2 b\n1 c\n", 3, "duplicate label 1"),
                 ("1 a\n2" + " " * 4095 + "b\n", 2, "not of the form"), ("3 " + "n" * 2**20, 1, "not of the form"),
                 (b"1 \xff\n", 1, "UTF-8"), (f"1 {'n' * 256}\n", 1, "255 at most"), (f"{2**62} a\n", 1, "2^62"),
                 ("1 1 2 3 1 1 1 \"a\n", 1, "not of the form"), ("1 1 2 3 \"a\"\n", 1, "not of the form"),
@@ -344,7 +344,7 @@ class LabelNames(unittest.TestCase):
             self.assertEqual((error["file"], error["inside"]), (str(table), f"line {line}"), text[:80])
             self.assertIn(words, error["message"])
         self.assertFalse(self.out.exists())
-        # A line of 4 KiB is none too long.
+        # A line of 4 KiB is not too long.
         self.assertEqual(self.preprocess(volume, "--label-names", self.write("1 a\n2" + " " * 4094 + "b\n")),
                          ({1: ("a", None), 2: ("b", None)}, []))
         self.out.unlink()

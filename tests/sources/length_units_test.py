@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The unit of length: what each format's own package wrote, through the store to reports, distances and meshes.
+"""The unit of length: as each format's own package writes it, from the store to reports, distances and meshes.
 
 usage: length_units_test.py ISONEST PLUGIN_FOLDER
 """
@@ -35,14 +35,14 @@ except ImportError as error:
 
 warnings.filterwarnings("ignore")
 DATA = numbers((4, 5, 6))  # [z, y, x]
-# Metres, as the SI and the international yard have them: not by the program's own table.
+# In metres, by the SI and the international yard, not by the program's own table.
 METRES = {"km": 1e3, "m": 1.0, "dm": 1e-1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "angstrom": 1e-10,
           "pm": 1e-12, "ft": 0.3048, "in": 0.0254}
 
 
 class Units(Input):
     def says(self, unit, *options, spacing=None, origin=None, note=None):
-        """The store has this unit; a note has these words, or there is none about units."""
+        """Checks the unit of the store, and that a note has these words, or that there is no note about units."""
         done = self.preprocess("--json", *options)
         self.assertEqual(done.returncode, 0, done.stderr)
         report = json.loads(done.stdout)
@@ -117,7 +117,7 @@ class Formats(Units):
         self.says("nm")
         image([None] * 3)
         self.says(None, spacing=(1, 2, 3))
-        image(["micrometer", "nanometer", "nanometer"])  # those of x count
+        image(["micrometer", "nanometer", "nanometer"])  # the unit of x counts
         self.says("nm", spacing=(1, 2, 3000), origin=(10, 20, 30000), note=("x: nanometer", "z: micrometer", "nm"))
         image(["nanometer", "micrometer", "micrometer"])
         self.says("um", spacing=(1, 2, 0.003), origin=(10, 20, 0.03), note=("converted to um",))
@@ -199,7 +199,7 @@ class Formats(Units):
         self.says("nm", spacing=(1, 2, 3))
         with h5py.File(self.path, "w") as f:
             f["data"] = DATA
-            f["data"].attrs["units"] = "m"  # of the values
+            f["data"].attrs["units"] = "m"  # the unit of the values
         self.says(None, spacing=(1, 1, 1))
 
     def test_mrc_is_in_angstroms_where_it_has_a_cell(self):
@@ -231,7 +231,7 @@ class Formats(Units):
         self.says("mm", spacing=(1, 2, 10), origin=(0.5, 1, 45), note=("z: cm",))
         self.nrrd("spacings: 1 2 3", 'units: "" "um" "um"')
         self.says(None, spacing=(1, 2, 3), note=("x: none",))
-        self.nrrd("spacings: 1 2 3", 'units: "um"')  # of another number of axes
+        self.nrrd("spacings: 1 2 3", 'units: "um"')  # for another number of axes
         self.says(None, spacing=(1, 2, 3))
 
     def test_meta_image(self):
@@ -266,7 +266,7 @@ class Formats(Units):
                          options=("--unit", wrong))
 
     def test_another_unit_is_another_run(self):
-        """What an interrupted run left is of the unit that it had."""
+        """The files of an interrupted run have the unit of that run."""
         self.path = self.here / "v.npy"
         np.save(self.path, DATA)
         self.says("um", "--unit", "um")
@@ -318,7 +318,7 @@ class Distances(Units):
             for there, metres in METRES.items():
                 done = self.extract("m.ply", "--json", "--distance", f"0.7{there}")
                 wanted = 0.7 * metres / METRES[here]
-                if wanted < 8e-7:  # less than float32 can keep
+                if wanted < 8e-7:  # below the precision of float32
                     self.assertEqual(done.returncode, 7, done.stderr)
                     continue
                 found = json.loads(done.stdout)["distance"]
@@ -328,7 +328,7 @@ class Distances(Units):
         self.store()
         done = self.extract("m.ply", "--distance", "0.5mm")
         self.assertEqual(done.returncode, 2)
-        for words in ("0.5 mm", "is not known", "give a number alone", "preprocess the volume again with its --unit"):
+        for words in ("0.5 mm", "has no unit", "give a plain number", "preprocess the volume again with --unit"):
             self.assertIn(words, done.stderr)
         self.assertFalse((self.here / "m.ply").exists())
         self.assertEqual(self.mesh("0.3voxel")[0], self.mesh("150")[0])
@@ -348,7 +348,7 @@ class Distances(Units):
             self.assertEqual(json.loads(sliced.stdout)["unit"], unit)
 
     def places(self, name):
-        """Of the file's vertices, in metres as its format means them; None where it means none."""
+        """Positions of the file's vertices, in metres as its format defines them; None if it defines no unit."""
         path = self.here / name
         kind = path.suffix
         if kind == ".3mf":
@@ -387,7 +387,7 @@ class Distances(Units):
                 with self.subTest(unit=unit, name=name):
                     self.extract(name)
                     np.testing.assert_allclose(self.places(name), bare * metres, rtol=2e-7)
-        self.store()  # the bytes of what has no unit are as ever
+        self.store()  # without a unit the bytes do not change
         for name, data in plain.items():
             self.extract(name)
             self.assertEqual((self.here / name).read_bytes(), data)

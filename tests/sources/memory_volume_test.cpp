@@ -1,4 +1,5 @@
-// Volumes in memory: the same store whatever way the numbers lie, and never another volume's work.
+// Volumes in memory: the same store for any layout of the numbers, and no confusion with another
+// volume.
 #include <atomic>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -21,13 +22,13 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// A value for each node that every type holds, and that no other node near it has.
+/// A value for each node that fits into every type and is unique among nearby nodes.
 template <class T>
 T value_at(const Int3& p) {
     return static_cast<T>((5 * p.x + 17 * p.y + 41 * p.z) % 120);
 }
 
-/// An array of bytes with numbers put at data() + p * strides.
+/// An array of bytes with numbers at data() + p * strides.
 template <class T>
 class Scattered {
   public:
@@ -140,7 +141,7 @@ PreprocessOptions resuming() {
     return options;
 }
 
-/// Three functions.
+/// Implements only three functions.
 class Ramp : public VolumeSource {
   public:
     explicit Ramp(std::string identity) : identity_(std::move(identity)) {}
@@ -164,7 +165,7 @@ class Ramp : public VolumeSource {
 
 }  // namespace
 
-TEST_CASE("a volume in memory reads the same in all types, layouts and directions") {
+TEST_CASE("a volume in memory gives the same store for all types, layouts and directions") {
     for (const Int3& n : {Int3{1, 1, 1}, Int3{1, 1, 9}, Int3{2, 2, 2}, Int3{7, 5, 4}}) {
 #define ISONEST_ANY_LAYOUT(tag, T) require_any_layout<T>(n);
         ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_ANY_LAYOUT)
@@ -172,7 +173,7 @@ TEST_CASE("a volume in memory reads the same in all types, layouts and direction
     }
 }
 
-TEST_CASE("rows longer than the digest's buffer have the digest of dense ones") {
+TEST_CASE("rows longer than the digest's buffer have the same digest in any layout") {
     const Int3 n{40000, 2, 1};
     const Scattered<double> dense(n, {8, 8 * n.x, 0});
     const Scattered<double> backward(n, {-8, -8 * n.x, 0});
@@ -181,7 +182,7 @@ TEST_CASE("rows longer than the digest's buffer have the digest of dense ones") 
               .identity());
 }
 
-TEST_CASE("the store of a volume in memory is that of a file with the same values") {
+TEST_CASE("the store of a volume in memory is the same as that of a file with the same values") {
     for (const Int3& n : {Int3{1, 1, 40}, Int3{2, 2, 2}, Int3{33, 20, 41}}) {
         const TemporaryFolder folder;
         const std::vector<float> values = uneven(n);
@@ -207,7 +208,7 @@ TEST_CASE("the store of a volume in memory is that of a file with the same value
     }
 }
 
-TEST_CASE("an interrupted run on memory goes on with the same values and refuses others") {
+TEST_CASE("an interrupted run on memory is resumed with the same values and refuses others") {
     const TemporaryFolder folder;
     const Int3 n{50, 41, 120};
     const std::vector<float> values = uneven(n);
@@ -215,7 +216,7 @@ TEST_CASE("an interrupted run on memory goes on with the same values and refuses
     preprocess(volume, folder / "whole", with_chunk(8));
     interrupt(volume, folder / "s", resuming());
     const auto left = folder.names();
-    // One bit of a value in the middle, which no plane that is read again shows.
+    // One bit of a value in the middle, in a plane that is not read again.
     std::vector<float> others = values;
     others[others.size() / 2] = std::nextafter(others[others.size() / 2], 100.0F);
     MemoryVolume other(others.data(), n);
@@ -233,7 +234,7 @@ TEST_CASE("an interrupted run on memory goes on with the same values and refuses
     CHECK(read_file(folder / "s") == read_file(folder / "whole"));
 }
 
-TEST_CASE("three functions make a source, and one that says who it is can be resumed") {
+TEST_CASE("three functions make a source, and a run on it can be resumed if it has an identity") {
     const TemporaryFolder folder;
     Ramp ramp("ramp 1");
     preprocess(ramp, folder / "whole", with_chunk(8));
@@ -253,7 +254,7 @@ TEST_CASE("three functions make a source, and one that says who it is can be res
     CHECK(read_file(folder / "t") == read_file(folder / "whole"));
 }
 
-TEST_CASE("two runs at once give the bytes of each alone") {
+TEST_CASE("two concurrent runs give the bytes of each alone") {
     const TemporaryFolder folder;
     const Int3 n{50, 41, 60};
     const std::vector<float> values = uneven(n);
@@ -273,7 +274,7 @@ TEST_CASE("two runs at once give the bytes of each alone") {
     CHECK(read_file(folder / "b") == read_file(folder / "alone"));
 }
 
-TEST_CASE("preprocess replaces no file unless asked") {
+TEST_CASE("preprocess only replaces a file on request") {
     const TemporaryFolder folder;
     const std::vector<std::uint8_t> values(27, 3);
     MemoryVolume volume(values.data(), {3, 3, 3});
@@ -284,7 +285,7 @@ TEST_CASE("preprocess replaces no file unless asked") {
     preprocess(volume, folder / "s", options);
 }
 
-TEST_CASE("no data, no nodes and another volume's shape are refused") {
+TEST_CASE("missing data, no nodes and another volume's shape are refused") {
     const std::vector<float> values(8);
     const float* const nothing = nullptr;
     const auto make = [](const float* data, const Int3& n) {

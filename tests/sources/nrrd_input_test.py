@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""NRRD files that other programs write, where their parser and the format's description decide: names of data files,
+"""NRRD files as other programs write them, where their parser and the format's description decide: names of data files,
 axes of one node, types.
 
 usage: nrrd_input_test.py ISONEST PLUGIN_FOLDER
@@ -55,7 +55,7 @@ class Nrrd(Input):
                 self.reads(self.data)
 
     def by_teem(self):
-        """What teem reads of the file, [..., y, x]."""
+        """The values of the file by teem, [..., y, x]."""
         out = self.here / "teem.nrrd"
         subprocess.run([UNU, "save", "-f", "nrrd", "-e", "raw", "-en", "little", "-i", self.path, "-o", out], check=True,
                        capture_output=True)
@@ -164,7 +164,7 @@ class Nrrd(Input):
         self.lies((1, 2, 15), (1, 2, 1))
         self.reads(np.ascontiguousarray(data[1, 4]), "--index", "t=1,z=4")
         self.lies((1, 2, 15), (1, 2, 1))
-        # A vector first, names of its own, packed and not; a turned volume.
+        # A vector axis first, custom names, compressed or not; a rotated volume.
         for encoding in ("raw", "gzip", "bzip2"):
             parts = np.moveaxis(data, 0, -1).copy()
             for labels, names in (('labels: "Vx;Vy" "x" "y" "z"', ("c", "C", "component", "3", "-1")), ('labels: "flow" "R" "A" "S"', ("flow", "Flow", "3"))):
@@ -180,7 +180,7 @@ class Nrrd(Input):
             self.write("space: right-anterior-superior", f"space directions: {directions}", "kinds: vector domain domain domain", data=parts, kind="float")
             done = self.reads(np.ascontiguousarray(parts[2]), "--index", "z=2,c=:")
             self.assertIn("axis 'c' is no direction in space; it is taken as x, with a spacing of 1", done.stdout + done.stderr)
-        # A time that comes first; three axes with a time are a volume.
+        # A time axis first; three axes including a time are a volume.
         self.write("kinds: time domain domain domain", data=parts, kind="float")
         self.refuses(5, "--index t=0")
         self.reads(data[1], "--index", "t=1")
@@ -199,12 +199,12 @@ class Nrrd(Input):
                 np.testing.assert_allclose(turn[0], np.array(vector) / step, atol=1e-12)
                 np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
                 self.assertAlmostEqual(np.linalg.det(turn), 1)
-        # And of four axes one is long.
+        # Also with four axes, one of them long.
         self.write("space: RAS", "space directions: none (0,0,0) (0,2,0) none", sizes=(1, 1, 24, 1))
         self.reads(data)
         np.testing.assert_allclose(self.directions()[0], (0, 1, 0))
         self.write("space: RAS", "space directions: (1,0,0) (2,0,0)", data=self.data[0])
-        self.refuses(5, "sheared")
+        self.refuses(5, "nearly lie in a plane")
 
     def test_an_axis_has_a_spacing_or_a_direction(self):
         directions = "space directions: (1,0,0) (0,2,0) (0,0,3) none"

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Random NRRD and raw files: isonest gives the numbers that teem's parser gives, or an error.
+"""Random NRRD and raw files: isonest gives the same numbers as teem's parser, or an error.
 
 usage: nrrd_random_test.py ISONEST PLUGIN_FOLDER
-ISONEST_NRRD_FILES=5000 in the environment: that many files; ISONEST_NRRD_SEED=7: others.
+ISONEST_NRRD_FILES=5000 in the environment: number of files; ISONEST_NRRD_SEED=7: other files.
 """
 import collections
 import concurrent.futures
@@ -44,7 +44,7 @@ SHOWN = "refused, taken by teem"
 
 
 class Case:
-    """A file, the numbers that it should give, and which of its axes run backward."""
+    """A file, the expected numbers, and which of its axes are reversed."""
 
     def __init__(self, folder, seed):
         self.random = np.random.default_rng(seed)
@@ -89,7 +89,7 @@ class Case:
         return gzip.compress(data, int(self.random.integers(10)))
 
     def damaged(self, stored):
-        """The end of a stream, or a byte of it."""
+        """Cuts the end of a stream, or changes a byte of it."""
         if self.chance(0.04):
             self.damage = "cut"
             return stored[:-int(self.random.integers(1, 9))]
@@ -117,7 +117,7 @@ class Case:
         self.path.write_bytes(self.damaged(self.compressed(stored)) if self.chance(0.5) else stored)
 
     def geometry(self):
-        """Fields that say where the axes lie; some turn them around."""
+        """Fields that give the positions of the axes; some reverse them."""
         dim = len(self.sizes)
         axes = [i for i in range(dim) if dim <= 3 or self.sizes[i] != 1]
         signs = [1] * dim
@@ -184,7 +184,7 @@ class Case:
                                     "byte skip:9", "nonsense", "old min: 0", "number: 12"))
         self.random.shuffle(fields)
         detached = self.chance(0.4)
-        # What other fields need comes before them; teem wants it so, the format does not say it.
+        # Fields that others depend on come first; teem requires that, the format's description does not.
         first = [f"dimension: {dim}", *[f for f in geometry if f.startswith(("space:", "space dim"))]]
         behind = [f for f in geometry if f.startswith(("space directions", "space origin"))]
         order = first + fields + behind
@@ -219,14 +219,14 @@ class Case:
             self.path.write_bytes(header + end.encode() + stored)
 
     def changed(self, header):
-        """Another character somewhere, one more, or one less; from then on all may mean another thing."""
+        """Changes, inserts or removes a character somewhere, which may change the meaning of everything after it."""
         self.damage = "header"
         at = int(self.random.integers(9, len(header)))
         new = bytes([self.random.choice(list(b"0123456789 -+.,:#()\n\reinxaz"))])
         return header[:at] + self.pick(new, new, b"") + header[at + self.pick(0, 1, 1):]
 
     def gives(self, values, found):
-        """Along an axis that runs backward, the last comes first. `values`: with the axes in their shape."""
+        """Along reversed axes, the last value comes first. `values`: in the shape of the axes."""
         shape = [n for n in values.shape if n != 1] if values.ndim > 3 else list(values.shape)
         if len(shape) > 3:
             return False
@@ -236,7 +236,7 @@ class Case:
         return any(values[tuple(slice(None, None, t) for t in turn)].tobytes() == found for turn in turns)
 
     def teem(self):
-        """The numbers that unu reads; none if it refuses the file, or if it is not NRRD."""
+        """The numbers by unu; None if it refuses the file, or if it is not NRRD."""
         if self.path.suffix != ".nrrd":
             return None
         out = self.folder / "teem.nrrd"
@@ -253,7 +253,7 @@ class Case:
 
 
 def run(seed):
-    """What became of a file, and why that is wrong if it is."""
+    """The outcome for a file, and why it is wrong, if it is."""
     with tempfile.TemporaryDirectory(prefix="isonest-test-") as name:
         folder = pathlib.Path(name)
         case = Case(folder, (SEED, seed))

@@ -1,4 +1,4 @@
-// The window over the planes of the input: what is there when it is needed, and what it takes.
+// The window over the planes of the input: planes are there when they are needed, and its memory.
 #include "preprocess/sources/wrapping/plane_window.h"
 
 #include <catch2/catch.hpp>
@@ -12,7 +12,7 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// Reads cost whole steps, like chunks that are decoded.
+/// Can only read whole steps, like chunks that are decoded.
 class SteppedVolume : public FunctionVolume<std::uint16_t> {
   public:
     SteppedVolume(std::int64_t nz, std::int64_t step)
@@ -50,7 +50,7 @@ void require_planes(const PlaneWindow& window, std::int64_t begin, std::int64_t 
     }
 }
 
-/// Goes through the volume as the level pass does, from block row `first` on.
+/// Walks through the volume like the level pass, from block row `first` on.
 void walk(SteppedVolume& volume, PlaneWindow& window, std::int64_t first) {
     const std::int64_t nz = volume.nodes().z;
     const auto begin_of = [&](std::int64_t row) {
@@ -81,7 +81,7 @@ TEST_CASE("every plane is there when it is needed, and each step of the input is
                 const auto budget = static_cast<std::uint64_t>(planes * kPlaneBytes);
                 PlaneWindow window(volume, kPlanes, budget, folder.path(), silent_progress());
                 INFO("nz " << nz << " step " << step << " budget " << planes << " planes");
-                // In memory as soon as the planes and the rest of their last step fit.
+                // In memory if the planes and the rest of their last step fit.
                 const std::int64_t least = std::min(nz, ceil_div(kPlanes + step - 1, step) * step);
                 REQUIRE(window.on_disk() == (planes < least));
                 CHECK(window.heap() <= budget);
@@ -96,7 +96,7 @@ TEST_CASE("every plane is there when it is needed, and each step of the input is
     }
 }
 
-TEST_CASE("planes that were passed over do not disturb those that are needed") {
+TEST_CASE("skipped planes do not affect those that are needed") {
     for (const std::int64_t step : {1, 7, 16, 64}) {
         for (const std::int64_t first : {1, 2, 3}) {
             SteppedVolume volume(200, step);

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Stacks of PNG and BMP slices as Pillow and libpng write them, and files that a writer of its own makes.
+"""Stacks of PNG and BMP slices as written by Pillow and libpng, and files by a writer in this test.
 
 usage: slices_input_test.py ISONEST PLUGIN_FOLDER
 """
@@ -24,7 +24,7 @@ except ImportError as error:
 
 
 def png(data, color, bits, interlaced=False, chunks=()):
-    """By the specification. data: rows of samples, all channels of a pixel together."""
+    """A PNG file by its specification. data: rows of samples, all channels of a pixel together."""
     def chunk(kind, body):
         return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 
@@ -47,7 +47,7 @@ def png(data, color, bits, interlaced=False, chunks=()):
 
 
 def bmp(data, bits=8, palette=None, top_down=False, header=40, compression=0, gap=0, used=0):
-    """By the definition. data: rows of numbers, or of blue, green, red (and one more)."""
+    """A BMP file by its definition. data: rows of numbers, or of blue, green, red (and one more)."""
     palette = b"" if bits > 8 else np.repeat(np.arange(2**bits), 4).astype("u1").tobytes() if palette is None else palette
     rows = b""
     for row in data if top_down else data[::-1]:
@@ -66,7 +66,7 @@ def bmp(data, bits=8, palette=None, top_down=False, header=40, compression=0, ga
 
 class Slices(DamagedFiles, Input):
     def stack(self, images, ending, name=lambda i: f"s{i}"):
-        """A folder of files, each of bytes or an image of Pillow's."""
+        """A folder of files, each given as bytes or as an image of Pillow's."""
         folder = self.here / "stack"
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
@@ -113,10 +113,10 @@ class Slices(DamagedFiles, Input):
                         self.stack([png(plane, color, bits, interlaced) for plane in pixels], "png")
                         self.reads(data)
                         if color:
-                            pixels[1, 5, width - 1, -1] ^= 1  # a colour, or not solid
+                            pixels[1, 5, width - 1, -1] ^= 1  # coloured, or not opaque
                             self.stack([png(plane, color, bits, interlaced) for plane in pixels], "png")
                             self.refuses(5, "s1.png", f"pixel ({width - 1}, 5)", "convert")
-        # Gamma, transparency and the printer's resolution change no number.
+        # Gamma, transparency and the print resolution do not change the numbers.
         extra = ((b"gAMA", struct.pack(">I", 45455)), (b"pHYs", struct.pack(">IIB", 2835, 2835, 1)), (b"tRNS", struct.pack(">H", 3)))
         data = numbers((2, 5, 6), "u1")
         self.stack([png(plane, 0, 8, chunks=extra) for plane in data], "png")
@@ -124,7 +124,7 @@ class Slices(DamagedFiles, Input):
         self.lies((0, 0, 0), (1, 1, 1))
 
     def test_slices_that_were_stored_with_fewer_bits(self):
-        """A program that makes files small stores a plane of 0 and 255 in one bit."""
+        """A program that minimises files stores a plane of 0 and 255 with one bit."""
         data = numbers((4, 5, 6), "u1")
         data[1], data[2], data[3] = (data[1] > 99) * 255, data[2] % 4 * 85, data[3] % 16 * 17
         self.stack([png(plane // factor, 0, bits) for plane, bits, factor in zip(data, (8, 1, 2, 4), (1, 255, 85, 17))], "png")

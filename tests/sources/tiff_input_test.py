@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""TIFF files and stacks as tifffile and libtiff's programs write them.
+"""TIFF files and stacks as written by tifffile and libtiff's programs.
 
 usage: tiff_input_test.py ISONEST PLUGIN_FOLDER
 """
@@ -51,7 +51,7 @@ class Tiff(DamagedFiles, Input):
         for kind, way in (("u1", "lzw"), ("i2", "lzw:2"), ("u2", "zip"), ("u2", "zip:2"), ("f4", "zip:3"), ("f4", "zstd"),
                           ("f8", "lzw:3"), ("u1", "packbits"), ("i4", "zip:2"), ("u2", "lzma")):
             for layout in (("-s", "-r", "7"), ("-t", "-w", "16", "-l", "32")):
-                # Under -B tiffcp itself stores the bytes of predictor 3 in the wrong order.
+                # With -B tiffcp itself stores the bytes of predictor 3 in the wrong order.
                 for order in ("-L",) if way.endswith(":3") else ("-B", "-L"):
                     with self.subTest(kind=kind, way=way, layout=layout, order=order):
                         data = numbers((4, 37, 41), kind)
@@ -73,7 +73,7 @@ class Tiff(DamagedFiles, Input):
                                      photometric="rgb" if samples == 3 else "minisblack")
                     for c in range(samples)[::2]:
                         self.reads(np.ascontiguousarray(data[..., c]), *(("--index", f"c={c}") if samples > 1 else ()))
-        # Pages of one stack, each with tiles of its own height.
+        # Pages of one stack, each with tiles of a different height.
         data = numbers((3, 37, 41))
         with tifffile.TiffWriter(self.path) as file:
             for plane, tile in zip(data, ((16, 16), (64, 64), (48, 16))):
@@ -111,7 +111,7 @@ class Tiff(DamagedFiles, Input):
         before = files[3].read_bytes()
         self.assertEqual(self.preprocess(store=files[3]).returncode, 2)
         self.assertEqual(files[3].read_bytes(), before)
-        # Files of several pages follow each other.
+        # Files of several pages are concatenated.
         self.path = self.here / "pages"
         self.path.mkdir()
         for i in range(3):
@@ -166,7 +166,7 @@ class Tiff(DamagedFiles, Input):
                 else:
                     self.refuses(5, "c 3")
                     self.reads(np.ascontiguousarray(stack[..., 1]), "--index", "c=1")
-        # ImageJ's colours of more than 4 GiB.
+        # Colours by ImageJ, for more than 4 GiB.
         tifffile.imwrite(path, data[0], photometric="rgb", description="ImageJ=1.53t\nimages=5\nslices=5\n", metadata=None)
         with tifffile.TiffFile(path) as file:
             offset = file.pages[0].dataoffsets[0]
@@ -179,7 +179,7 @@ class Tiff(DamagedFiles, Input):
     def test_stacks_of_metamorph(self):
         data = numbers((5, 7, 9), "u2")
         for compression in (None, "zlib"):
-            # A rational number and, behind them, four times and dates, of each plane.
+            # For each plane a rational number and, after them, four times and dates.
             uic2 = (33629, 5, 5, (2, 1) * 5, True)
             tifffile.imwrite(self.path, data[0], photometric="minisblack", byteorder="<", metadata=None, compression=compression,
                              extratags=[uic2])
@@ -192,6 +192,17 @@ class Tiff(DamagedFiles, Input):
             self.path.write_bytes(self.path.read_bytes()[:offset] + data.tobytes())
             self.reads(data)
 
+    def test_pages_that_differ_say_in_what(self):
+        plain, other = numbers((4, 5), "u2"), np.zeros((4, 5), "c8")
+        with tifffile.TiffWriter(self.path) as file:
+            for page in (plain, other, other):
+                file.write(page, photometric="minisblack", contiguous=False)
+        self.refuses(5, "page 1: complex numbers")
+        with tifffile.TiffWriter(self.path) as file:
+            for kind in ("i8", "u8", "u8"):
+                file.write(numbers((4, 5), kind), photometric="minisblack", contiguous=False)
+        self.refuses(5, "page 0: it is 5 x 4 int64, but most pages are 5 x 4 uint64")
+
     def test_what_is_no_plane_of_numbers_is_refused(self):
         for kind in ("c8", "c16"):
             tifffile.imwrite(self.path, np.zeros((3, 4, 5), kind), photometric="minisblack")
@@ -201,7 +212,7 @@ class Tiff(DamagedFiles, Input):
             self.refuses(5, "planes in one page")
 
     def ome_file(self, planes, attributes="", elements="<TiffData/>", text=None, name="a.ome.tif", front="", uuid="urn:uuid:1", **options):
-        """Pages as they come, and a description of T 2, Z 3 and C 2 of them."""
+        """Pages in this order, and a description with T 2, Z 3 and C 2."""
         n, height, width = planes.shape[:3]
         text = text or (f'<?xml version="1.0" encoding="UTF-8"?><{front}OME xmlns:ome="http://www.openmicroscopy.org/Schemas/OME/2016-06" '
                         f'UUID="{uuid}"><{front}Image ID="Image:0"><{front}Pixels ID="Pixels:0" DimensionOrder="XYCZT" Type="uint16" '
@@ -232,7 +243,7 @@ class Tiff(DamagedFiles, Input):
         for elements in ("<TiffData/>", "", '<TiffData IFD="0" PlaneCount="12"/>', '<TiffData FirstZ="0"/>'):
             self.ome_file(planes, elements=elements)
             self.reads(np.ascontiguousarray(data[1, :, 0]), "--index", "t=1,c=0")
-        # A file that was renamed.
+        # A renamed file.
         self.ome_file(planes[at], elements="".join(
             element(i, plane, '<UUID FileName="other.ome.tif">urn:uuid:2</UUID>') for i, plane in enumerate(at)))
         self.reads(np.ascontiguousarray(data[1, :, 0]), "--index", "t=1,c=0")
@@ -243,7 +254,7 @@ class Tiff(DamagedFiles, Input):
 
     def test_a_set_of_files_by_ome(self):
         data = numbers((2, 3, 2, 7, 9), "u2")
-        # Each file has one time, the later one first.
+        # Each file has one time, the first file the later one.
         elements = "".join(f'<TiffData FirstT="{t}" FirstZ="{z}" FirstC="{c}" IFD="{z * 2 + c}"><UUID FileName="{1 - t}.ome.tif">'
                            f'urn:uuid:{1 - t}</UUID></TiffData>' for t, z, c in np.ndindex(2, 3, 2))
         files = [self.ome_file(data[1 - i].reshape(6, 7, 9), elements=elements, name=f"{i}.ome.tif", uuid=f"urn:uuid:{i}") for i in range(2)]
@@ -333,7 +344,7 @@ class Tiff(DamagedFiles, Input):
             for photometric in ("minisblack", "miniswhite"):
                 plain = self.here / "plain.tif"
                 tifffile.imwrite(plain, data, photometric=photometric, metadata=None)
-                np.testing.assert_array_equal(tifffile.imread(plain), data)  # as stored, either way
+                np.testing.assert_array_equal(tifffile.imread(plain), data)  # as stored, for both photometric values
                 ways = [()]
                 if shutil.which("tiffcp"):
                     ways = [("-f", order, "-c", way, *layout) for order, way, layout in itertools.product(
@@ -346,7 +357,7 @@ class Tiff(DamagedFiles, Input):
                             subprocess.run(["tiffcp", *way, plain, self.path], check=True, capture_output=True)
                         done = self.reads(data.astype("u1"))
                         self.assertEqual("MinIsWhite" in done.stdout + done.stderr, photometric == "miniswhite")
-        # Pillow writes and reads such files by itself.
+        # Pillow can write and read such files itself.
         try:
             from PIL import Image
         except ImportError:
@@ -379,7 +390,7 @@ class Tiff(DamagedFiles, Input):
                 done = self.reads(data)
                 for word in words:
                     self.assertIn(word, done.stdout + done.stderr)
-        # A plane with smaller copies that nothing marks.
+        # A plane with smaller copies that are not marked as such.
         write((data[0], 0), (data[0, ::2, ::2], 0), (data[0, ::4, ::4], 0))
         done = self.reads(data[:1])
         self.assertIn("2 pages are left out", done.stdout + done.stderr)
@@ -391,7 +402,7 @@ class Tiff(DamagedFiles, Input):
             with self.subTest(words=words):
                 write(*pages)
                 self.refuses(5, *words)
-        # A preview in colours that are not read does not end the set.
+        # A preview with unsupported colours does not end the set.
         if shutil.which("tiffcp"):
             jpeg, planes = self.here / "jpeg.tif", self.here / "planes.tif"
             tifffile.imwrite(jpeg, small, photometric="rgb")
@@ -401,7 +412,7 @@ class Tiff(DamagedFiles, Input):
             subprocess.run(["tiffcp", "-a", planes, self.path], check=True, capture_output=True)
             done = self.reads(data)
             self.assertIn("page 0 (a preview", done.stdout + done.stderr)
-        # In a folder of single pages a smaller one is no preview.
+        # In a folder of single pages a smaller one is not a preview.
         self.path = self.stack([data[0], data[1], data[2, ::2, ::2]], ["0.tif", "1.tif", "2.tif"])
         self.refuses(5, "2.tif", "15 x 20 uint16")
 
@@ -429,7 +440,7 @@ class Tiff(DamagedFiles, Input):
                     at = file.pages[2].tags[tag].offset
                 whole = bytearray(self.path.read_bytes())
                 self.reads(data.astype("i2"))
-                whole[at + 2:at + 4] = struct.pack("<H", 1 if tag in (273, 324) else 2)  # of another type
+                whole[at + 2:at + 4] = struct.pack("<H", 1 if tag in (273, 324) else 2)  # another type
                 self.path.write_bytes(whole)
                 self.refuses(4, "page 2: its directory", tifffile.TIFF.TAGS[tag])
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""OpenVDB files as pyopenvdb writes them.
+"""OpenVDB files as written by pyopenvdb.
 
 usage: vdb_input_test.py ISONEST PLUGIN_FOLDER
 """
@@ -34,7 +34,7 @@ class OpenVdb(DamagedFiles, Module, Input):
 
     def grid(self, name="density", transform=None, kind=vdb.FloatGrid, at=(-3, 5, 100)):
         grid = kind(3)
-        # Grids are [x, y, z]; values that are the background are not active.
+        # Grids are [x, y, z]; values equal to the background are not active.
         grid.copyFromArray(np.ascontiguousarray(self.data.T).astype("f8" if kind is not vdb.FloatGrid else "f4"), ijk=at,
                            tolerance=0)
         grid.name = name

@@ -1,4 +1,4 @@
-"""What the tests of input formats share: preprocess a file, look at the store.
+"""Shared by the tests of input formats: preprocess a file, examine the store.
 
 REQUIRES: sys.argv[1] is the program.
 """
@@ -29,12 +29,12 @@ def numbers(shape, kind="i2"):
 
 
 def is_read_as(data):
-    """The type that values of NumPy's types become."""
+    """The type in which values of a NumPy type are stored."""
     return data.astype({"i8": "f8", "u8": "f8", "f2": "f4"}.get(data.dtype.str[1:], data.dtype.str[1:]))
 
 
 class DamagedFiles:
-    """Mixed in: whatever is done to a file, there is an error or a result, and no crash."""
+    """Mixin: any change of a file gives an error or a result, and no crash."""
 
     def damaged(self, whole, count=60):
         for i in range(count):
@@ -51,7 +51,8 @@ class DamagedFiles:
 
 
 class Module:
-    """Mixed in: what a module of the library reads. A copy of the program elsewhere has the modules that it is given."""
+    """Mixin: formats that are read by a module of the library. A copy of the program elsewhere has only the given
+    modules."""
 
     def moved_program(self):
         program = self.here / "moved/bin/isonest"
@@ -65,7 +66,8 @@ class Module:
                                "--force"], capture_output=True, text=True)
 
     def needs_module(self, program, name, package):
-        """`path` is read with the module, and with none or a broken one there is an error and no store."""
+        """Checks that `path` is read with the module, and that with none or a broken one there is an error and no
+        store."""
         module = self.here / "moved/lib/isonest" / name
         done = self.run_moved(program)
         self.assertEqual(done.returncode, 5, done.stderr)
@@ -94,7 +96,7 @@ class Input(unittest.TestCase):
                           errors="replace")
 
     def reads(self, data, *options):
-        """The store has these numbers, [z, y, x]."""
+        """Checks that the store has these numbers, [z, y, x]."""
         done = self.preprocess(*options)
         self.assertEqual(done.returncode, 0, done.stderr)
         served.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o",

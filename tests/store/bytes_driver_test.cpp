@@ -1,7 +1,5 @@
-// HDF5 over bytes that lie anywhere: what it reads is what it reads from the file, in few reads of
-// far bytes, and what a read throws comes out as it was.
-#include "store/hdf5/bytes_driver.h"
-
+// HDF5 over bytes from any source: it reads the same as from the file, with few reads of remote
+// bytes, and an exception of a read reaches the caller unchanged.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -16,9 +14,10 @@
 
 #include <isonest/error.h>
 
-#include "store/bytes/file_bytes.h"
-#include "store/container/hdf5_types.h"
-#include "store/container/header_reader.h"
+#include "store/bytes/store_bytes.h"
+#include "store/container/parts/hdf5_types.h"
+#include "store/container/parts/header_reader.h"
+#include "store/hdf5/file_drivers.h"
 #include "store/hdf5/zstd_filter.h"
 #include "tests/support/test_support.h"
 
@@ -30,7 +29,7 @@ namespace {
 
 constexpr std::size_t kNever = static_cast<std::size_t>(-1);
 
-/// Not of a type that anything else throws.
+/// A type that nothing else throws.
 struct ReadFailed {
     std::size_t read = 0;
 };
@@ -38,14 +37,14 @@ struct ReadFailed {
 /// Counts reads, and throws at one of them.
 class CountedBytes : public StoreBytes {
   public:
-    CountedBytes(const std::filesystem::path& file, bool is_far)
+    CountedBytes(const std::filesystem::path& file, bool is_remote)
         : name_("https://host/" + file.filename().string()),
           text_(read_file(file)),
-          is_far_(is_far) {}
+          is_remote_(is_remote) {}
 
     [[nodiscard]] const std::string& name() const override { return name_; }
     [[nodiscard]] std::uint64_t size() const override { return text_.size(); }
-    [[nodiscard]] bool is_far() const override { return is_far_; }
+    [[nodiscard]] bool is_remote() const override { return is_remote_; }
     [[nodiscard]] HeldBytes read(std::uint64_t offset, std::uint64_t size) const override {
         if (size == 0 || offset + size > text_.size()) {
             throw std::logic_error("a read outside the bytes");
@@ -55,8 +54,8 @@ class CountedBytes : public StoreBytes {
             throw ReadFailed{number};
         }
         bytes_ += size;
-        most_ = std::max(most_.load(), size);
-        // A copy that is gone as soon as nobody holds it.
+        max_ = std::max(max_.load(), size);
+        // A copy that is freed as soon as nothing holds it.
         const auto copy = std::make_shared<std::vector<char>>(
             text_.begin() + static_cast<std::ptrdiff_t>(offset),
             text_.begin() + static_cast<std::ptrdiff_t>(offset + size));
@@ -70,17 +69,17 @@ class CountedBytes : public StoreBytes {
     }
     [[nodiscard]] std::size_t reads() const { return reads_; }
     [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
-    /// The longest read.
-    [[nodiscard]] std::uint64_t most() const { return most_; }
+    /// The size of the longest read.
+    [[nodiscard]] std::uint64_t most() const { return max_; }
 
   private:
     std::string name_;
     std::string text_;
-    bool is_far_;
+    bool is_remote_;
     std::size_t fails_at_ = kNever;
     mutable std::atomic<std::size_t> reads_ = 0;
     mutable std::atomic<std::uint64_t> bytes_ = 0;
-    mutable std::atomic<std::uint64_t> most_ = 0;
+    mutable std::atomic<std::uint64_t> max_ = 0;
 };
 
 template <class T>
@@ -136,7 +135,7 @@ void add_data(hid_t dataset, std::string& out) {
     }
 }
 
-/// All that is in a file, as HDF5 reads it. Throws std::runtime_error where it cannot.
+/// Everything in a file, as HDF5 reads it. Throws std::runtime_error if it cannot be read.
 std::string contents(hid_t file) {
     const QuietHdf5 quiet;
     std::vector<std::string> names;
@@ -162,7 +161,7 @@ std::string contents(hid_t file) {
     return out;
 }
 
-/// contents(), or nothing where HDF5 can open or read it not at all.
+/// contents(), or nothing if HDF5 cannot open or read it.
 template <class F>
 std::string contents_or_nothing(const F& open) {
     const QuietHdf5 quiet;
@@ -188,7 +187,7 @@ void make_noisy_store(const std::filesystem::path& path) {
     make_store(volume, path, with_chunk(32));
 }
 
-/// Reads all of a file over `bytes`, as a caller does.
+/// Reads a whole file over `bytes`, as a caller does.
 std::string read_over(const std::shared_ptr<const StoreBytes>& bytes) {
     const QuietHdf5 quiet;
     const FileHandle file = open_hdf5(bytes);
@@ -198,8 +197,8 @@ std::string read_over(const std::shared_ptr<const StoreBytes>& bytes) {
     return reading(file.get(), [&] { return contents(file.get()); });
 }
 
-/// A failure at each read in turn: it comes out, as often as it is asked for, and nothing stays
-/// open. Opened again, the file gives everything.
+/// Makes each read fail in turn: the failure is reported as often as it is asked for, and nothing
+/// stays open. After opening again, the file gives everything.
 void fail_everywhere(const std::shared_ptr<CountedBytes>& bytes, const std::string& expected) {
     const QuietHdf5 quiet;
     bytes->fail_at(kNever);
@@ -232,7 +231,7 @@ void fail_everywhere(const std::shared_ptr<CountedBytes>& bytes, const std::stri
 
 }  // namespace
 
-TEST_CASE("HDF5 reads the same over bytes as from a file, of stores of every version") {
+TEST_CASE("HDF5 reads the same over bytes as from a file, for stores of every version") {
     register_zstd_filter();
     std::size_t stores = 0;
     std::size_t read = 0;
@@ -256,7 +255,7 @@ TEST_CASE("HDF5 reads the same over bytes as from a file, of stores of every ver
     CHECK(read > 15);
 }
 
-TEST_CASE("a store of many chunks is the same over bytes") {
+TEST_CASE("a store of many chunks reads the same over bytes") {
     register_zstd_filter();
     const TemporaryFolder folder;
     const auto path = folder / "a.isonest";
@@ -271,7 +270,7 @@ TEST_CASE("a store of many chunks is the same over bytes") {
     CHECK(far->reads() < near->reads() / 2);
 }
 
-TEST_CASE("opening an older store takes few reads of far bytes") {
+TEST_CASE("opening an older store takes few reads of remote bytes") {
     const TemporaryFolder folder;
     const auto path = folder / "a.isonest";
     make_noisy_store(path);
@@ -288,7 +287,7 @@ TEST_CASE("opening an older store takes few reads of far bytes") {
     CHECK(far->bytes() <= far->size() / 4);
 }
 
-TEST_CASE("a read that throws ends in that error, whichever read it is") {
+TEST_CASE("an exception thrown by any read ends in that error") {
     register_zstd_filter();
     const TemporaryFolder folder;
     const auto path = folder / "a.isonest";
@@ -297,7 +296,7 @@ TEST_CASE("a read that throws ends in that error, whichever read it is") {
         const auto golden = golden_folder() / name;
         const std::string expected = contents_or_nothing([&] { return open_hdf5(golden); });
         REQUIRE_FALSE(expected.empty());
-        // Of near bytes, each read of HDF5 is one.
+        // With local bytes, each read of HDF5 is one read.
         fail_everywhere(std::make_shared<CountedBytes>(golden, false), expected);
         fail_everywhere(std::make_shared<CountedBytes>(golden, true), expected);
     }
@@ -306,7 +305,7 @@ TEST_CASE("a read that throws ends in that error, whichever read it is") {
     fail_everywhere(std::make_shared<CountedBytes>(path, true), expected);
 }
 
-TEST_CASE("what was thrown keeps its type and its words, and belongs to its file") {
+TEST_CASE("the exception keeps its type and message, and belongs to its file") {
     class Refused : public CountedBytes {
       public:
         using CountedBytes::CountedBytes;
@@ -335,7 +334,7 @@ TEST_CASE("what was thrown keeps its type and its words, and belongs to its file
         CHECK(error.problem() == "the server answered 503");
         CHECK(error.remedies() == std::vector<Remedy>{{RemedyKind::good_copy}});
     }
-    // What takes a failure for something that is missing is told, too.
+    // Functions that take a failure for a missing object report it, too.
     CHECK_THROWS_AS(
         reading(same.get(),
                 [&] { return H5Lexists(same.get(), "levels/1/values", H5P_DEFAULT) > 0; }),
@@ -344,13 +343,13 @@ TEST_CASE("what was thrown keeps its type and its words, and belongs to its file
     CHECK_THROWS_AS(reading(file.get(), [&] { contents(file.get()); }), Error);
     CHECK_FALSE(reading(second.get(), [&] { return contents(second.get()); }).empty());
     CHECK_FALSE(read_over(bytes).empty());
-    // A file opened by its path has no such failures, and what is no file has none either.
+    // A file opened by its path has no such failures, nor has an invalid handle.
     const FileHandle local = open_hdf5(golden);
     rethrow_failed_read(local.get());
     rethrow_failed_read(H5I_INVALID_HID);
 }
 
-TEST_CASE("much metadata takes few reads of far bytes, and little memory") {
+TEST_CASE("much metadata takes few reads of remote bytes, and little memory") {
     const QuietHdf5 quiet;
     const TemporaryFolder folder;
     const auto path = folder / "many.h5";
@@ -384,7 +383,7 @@ TEST_CASE("much metadata takes few reads of far bytes, and little memory") {
     CHECK(far->most() <= kDriverHolds / 4);
 }
 
-TEST_CASE("files over bytes are only read, and lead to no other files") {
+TEST_CASE("files over bytes are read-only, and do not open other files") {
     const QuietHdf5 quiet;
     const TemporaryFolder folder;
     const auto target = folder / "target.h5";
@@ -405,7 +404,7 @@ TEST_CASE("files over bytes are only read, and lead to no other files") {
     rethrow_failed_read(file.get());
 }
 
-TEST_CASE("what is no HDF5 file is not opened, and hdf5_cannot_open() says why") {
+TEST_CASE("a file that is not HDF5 is not opened, and hdf5_cannot_open() says why") {
     const QuietHdf5 quiet;
     const TemporaryFolder folder;
     const auto path = folder / "text";
@@ -413,8 +412,8 @@ TEST_CASE("what is no HDF5 file is not opened, and hdf5_cannot_open() says why")
         std::ofstream(path) << std::string(size, 'x');
         CHECK_FALSE(open_hdf5(path).valid());
         const std::string why = hdf5_cannot_open();
-        for (const bool is_far : {false, true}) {
-            CHECK_FALSE(open_hdf5(std::make_shared<CountedBytes>(path, is_far)).valid());
+        for (const bool is_remote : {false, true}) {
+            CHECK_FALSE(open_hdf5(std::make_shared<CountedBytes>(path, is_remote)).valid());
             CHECK(hdf5_cannot_open() == why);
         }
     }

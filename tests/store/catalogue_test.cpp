@@ -1,7 +1,5 @@
 // Numbers in a footer and a catalogue that no writer makes: each is refused before anything is
-// allocated or read by it.
-#include "store/container/footer/catalogue.h"
-
+// allocated or read because of it.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -15,10 +13,10 @@
 #include <isonest/label_name.h>
 
 #include "store/base/checksum.h"
-#include "store/container/footer/footer.h"
-#include "store/container/header_digests.h"
+#include "store/container/parts/footer.h"
+#include "store/container/parts/header_reader.h"
 #include "store/container/reader.h"
-#include "tests/support/far_bytes.h"
+#include "tests/support/remote_bytes.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -57,9 +55,9 @@ std::string named_store() {
     return read_file(folder / "s");
 }
 
-/// The store with another catalogue, whose checksums are right.
+/// The store with another catalogue and valid checksums.
 std::string with_catalogue(const std::string& store, std::span<const std::byte> catalogue) {
-    const FarBytes bytes(store);
+    const RemoteBytes bytes(store);
     const std::uint64_t begin = found_in(bytes).footer.hdf5_end;
     const auto tail = bytes_behind_hdf5(begin, catalogue);
     return store.substr(0, begin) +
@@ -67,13 +65,13 @@ std::string with_catalogue(const std::string& store, std::span<const std::byte> 
 }
 
 std::vector<std::byte> catalogue_of(const std::string& store) {
-    const FarBytes bytes(store);
+    const RemoteBytes bytes(store);
     const FoundCatalogue found = found_in(bytes);
     const auto view = found.bytes.bytes();
     return {view.begin(), view.end()};
 }
 
-/// Where the head of the first record of this kind stands.
+/// The position of the head of the first record of this kind.
 std::size_t record_at(std::span<const std::byte> catalogue, Record kind) {
     for (std::size_t at = 0; at < catalogue.size();) {
         std::array<std::uint64_t, 2> head{};
@@ -87,7 +85,8 @@ std::size_t record_at(std::span<const std::byte> catalogue, Record kind) {
     return 0;
 }
 
-/// With another number in the first record of this kind: -1 is its length, others are its content.
+/// The catalogue with another number in the first record of this kind: -1 is its length, others are
+/// its content.
 std::vector<std::byte> changed(std::vector<std::byte> catalogue, Record kind, std::ptrdiff_t which,
                                std::uint64_t number) {
     const std::size_t at = record_at(catalogue, kind) +
@@ -98,7 +97,7 @@ std::vector<std::byte> changed(std::vector<std::byte> catalogue, Record kind, st
 
 std::string message_of(const std::string& store) {
     try {
-        const StoreReader reader(std::make_shared<const FarBytes>(store));
+        const StoreReader reader(std::make_shared<const RemoteBytes>(store));
         return "opens";
     } catch (const Error& error) {
         return error.what();
@@ -107,13 +106,13 @@ std::string message_of(const std::string& store) {
 
 }  // namespace
 
-TEST_CASE("a catalogue of 64 MiB is read, and one that says that it is longer is not") {
-    constexpr std::size_t kMost = std::size_t{64} << 20U;
+TEST_CASE("a catalogue of 64 MiB is read, and one with a greater length is not") {
+    constexpr std::size_t kMax = std::size_t{64} << 20U;
     const std::string store = named_store();
     std::vector<std::byte> catalogue = catalogue_of(store);
     for (const bool is_too_long : {false, true}) {
         // A record of a later version.
-        const std::uint64_t all = kMost + (is_too_long ? 8 : 0);
+        const std::uint64_t all = kMax + (is_too_long ? 8 : 0);
         const std::array<std::uint64_t, 2> head{1000, all - catalogue.size() - 16};
         std::vector<std::byte> longer = catalogue;
         longer.resize(all);
@@ -121,16 +120,16 @@ TEST_CASE("a catalogue of 64 MiB is read, and one that says that it is longer is
         const std::string bytes = with_catalogue(store, longer);
         const std::string message = message_of(bytes);
         CHECK((message == "opens") == !is_too_long);
-        CHECK((message.find("no catalogue is as long as it says") != std::string::npos) ==
+        CHECK((message.find("invalid length of the catalogue") != std::string::npos) ==
               is_too_long);
     }
 }
 
-TEST_CASE("rows, pages and planes of a catalogue that cannot be are refused") {
+TEST_CASE("impossible rows, pages and planes in a catalogue are refused") {
     const std::string store = named_store();
     const std::vector<std::byte> good = catalogue_of(store);
     const std::uint64_t size = store.size();
-    const FarBytes far(store);
+    const RemoteBytes far(store);
     const FoundCatalogue found = found_in(far);
     const CatalogueTable table = *found.catalogue.table;
     REQUIRE(found.catalogue.names);
@@ -141,13 +140,13 @@ TEST_CASE("rows, pages and planes of a catalogue that cannot be are refused") {
         std::ptrdiff_t which;
         std::vector<std::uint64_t> numbers;
     };
-    const std::uint64_t most_name = LabelName::kMostBytes;
+    const std::uint64_t max_name = LabelName::kMaxBytes;
     for (const Lie& lie : std::vector<Lie>{
              {table_record, -1, {8, 40, kHuge, kAll, kAll - 7, size}},
              {table_record, 0, {size, size - 39, kHuge, kAll, kAll - 40 * table.rows + 1}},
              {table_record, 1, {0, table.rows - 1, table.rows + 1, kHuge, kAll, kAll / 40}},
              {table_record, 2, {0, 39, 41, 48, kHuge, kAll}},
-             {table_record, 3, {0, 1, kMostRowsOfPage + 1, kHuge, kAll}},
+             {table_record, 3, {0, 1, kMaxRowsOfPage + 1, kHuge, kAll}},
              {table_record, 4, {0, 1000, kHuge, kAll, std::uint64_t{1} << 61U}},
              {ranges_record, -1, {0, 16, kHuge, kAll}},
              {ranges_record, 0, {size, kHuge, kAll}},
@@ -156,25 +155,25 @@ TEST_CASE("rows, pages and planes of a catalogue that cannot be are refused") {
              {names_record, -1, {24, kHuge, kAll}},
              {names_record, 0, {size, size - 1, kHuge, kAll}},
              {names_record, 1, {0, 3, 65'537, std::uint64_t{1} << 60U, kHuge, kAll}},
-             {names_record, 2, {0, 12, 12 + most_name + 1, 4096, std::uint64_t{1} << 62U, kAll}}}) {
+             {names_record, 2, {0, 12, 12 + max_name + 1, 4096, std::uint64_t{1} << 62U, kAll}}}) {
         for (const std::uint64_t number : lie.numbers) {
             CAPTURE(lie.record, lie.which, number);
             const std::string bytes =
                 with_catalogue(store, changed(good, lie.record, lie.which, number));
             CHECK(failure([&] {
-                      // Ranges are looked at when they are used.
-                      const StoreReader reader(std::make_shared<const FarBytes>(bytes));
+                      // Ranges are checked when they are used.
+                      const StoreReader reader(std::make_shared<const RemoteBytes>(bytes));
                       static_cast<void>(reader.cube_range(3, {0, 0, 0}));
                   }) == ErrorKind::corrupt);
         }
     }
 }
 
-TEST_CASE("of a later version's fields no more than 64 are left alone") {
+TEST_CASE("unknown fields of a later version are ignored, up to 64 of them") {
     const std::string store = named_store();
     for (const int unknown : {1, 64, 65, 1000}) {
         CAPTURE(unknown);
-        const FarBytes far(store);
+        const RemoteBytes far(store);
         const FoundCatalogue found = found_in(far);
         Catalogue catalogue = found.catalogue;
         const std::string_view fields = [&] {
@@ -204,7 +203,7 @@ TEST_CASE("of a later version's fields no more than 64 are left alone") {
         }
         const std::string message = message_of(with_catalogue(store, catalogue_bytes(catalogue)));
         INFO(message);
-        // The table has no rows for fields that are not there.
+        // The table has no rows for fields that do not exist.
         CHECK(message.find(unknown <= 64 ? "chunk table" : "more than 64 unknown fields") !=
               std::string::npos);
         CHECK(message != "opens");

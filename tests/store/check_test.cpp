@@ -1,4 +1,4 @@
-// What check is for: stores whose checksums are right and whose contents are not.
+// Tests of check: stores with valid checksums and wrong contents.
 #include "query/check/check.h"
 
 #include <catch2/catch.hpp>
@@ -19,7 +19,7 @@ FunctionVolume<float> noisy_volume() {
     return {{17, 20, 18}, [](const Int3& p) { return static_cast<float>(noise(p)); }};
 }
 
-/// Changes a store as a program with a bug would: checksums fit what is written.
+/// Changes a store as a program with a bug would: checksums match what is written.
 class Forger {
   public:
     explicit Forger(const std::filesystem::path& path)
@@ -44,14 +44,14 @@ class Forger {
     [[nodiscard]] ChunkRow& row(const ArrayInfo& array, const Int3& chunk) {
         return rows_[array.row_of(chunk)];
     }
-    /// Stores `bytes` as they are under a chunk's place in HDF5's index.
+    /// Stores `bytes` unchanged as this chunk in HDF5's index.
     void store(const ArrayInfo& array, const Int3& chunk, const std::vector<std::byte>& bytes) {
         const DatasetHandle data = open(array);
         const auto at = place(array, chunk);
         REQUIRE(H5Dwrite_chunk(data.get(), H5P_DEFAULT, 0, at.data(), bytes.size(), bytes.data()) >=
                 0);
     }
-    /// The same, and the table says so.
+    /// The same, and updates the table.
     void put(const ArrayInfo& array, const Int3& chunk, const std::vector<std::byte>& bytes) {
         store(array, chunk, bytes);
         const DatasetHandle data = open(array);
@@ -77,7 +77,7 @@ class Forger {
         encode_chunk(std::as_bytes(std::span(elements)), array.codec, out);
         return out;
     }
-    /// Changes a chunk, and the table says what is in it then.
+    /// Changes a chunk, and updates the table with its new contents.
     void change(const ArrayInfo& array, const Int3& chunk,
                 const std::function<void(std::span<float>)>& f) {
         put(array, chunk, changed(array, chunk, [&](std::span<float> elements) {
@@ -95,7 +95,7 @@ class Forger {
                 }
             }));
     }
-    /// One element, given by its lattice node and component.
+    /// Changes one element, given by its lattice node and component.
     void set(const ArrayInfo& array, const Int3& node, int component,
              const std::function<float(float)>& f) {
         const Int3 chunk = array.chunk_of(node);
@@ -124,7 +124,7 @@ class Forger {
     std::vector<ChunkRow> rows_;
 };
 
-/// What ranks find together is what one process finds.
+/// Checks that ranks together find the same as one process.
 void require_same_on_ranks(const std::filesystem::path& path, CheckOptions options,
                            const CheckReport& expected) {
     for (const int count : {2, 5}) {
@@ -158,7 +158,7 @@ CheckReport checked(const std::filesystem::path& path, const CheckOptions& optio
     return report;
 }
 
-/// A whole store of noise, exact, in chunks of 8.
+/// A valid store of noise, exact, in chunks of 8.
 struct Made {
     TemporaryFolder folder;
     std::filesystem::path path = folder / "s";
@@ -181,7 +181,7 @@ void require_one(const CheckReport& report, const char* test, int level, const I
 
 }  // namespace
 
-TEST_CASE("check finds a coarse value that is not the finer level's") {
+TEST_CASE("check finds a coarse value that differs from the finer level") {
     const Made made;
     {
         Forger forger(made.path);
@@ -191,7 +191,7 @@ TEST_CASE("check finds a coarse value that is not the finer level's") {
     require_one(checked(made.path), "injection", 1, {0, 1, 0}, {6, 18, 10});
 }
 
-TEST_CASE("check finds an indicator below its child's") {
+TEST_CASE("check finds an indicator below that of its child") {
     const Made made;
     {
         Forger forger(made.path);
@@ -224,7 +224,7 @@ TEST_CASE("check finds an indicator of level 1 that does not follow from the val
     }
 }
 
-TEST_CASE("check finds a row of the table that says something else than the chunk") {
+TEST_CASE("check finds a row of the table that does not match the chunk") {
     const Made made;
     const Int3 chunk{1, 0, 2};
     SECTION("the smallest value") {
@@ -238,7 +238,7 @@ TEST_CASE("check finds a row of the table that says something else than the chun
     require_one(checked(made.path), "range", 0, chunk, kWhole);
 }
 
-TEST_CASE("check finds a row of a coarse level that says that values are missing") {
+TEST_CASE("check finds a row of a coarse level that claims missing values") {
     const Made made;
     {
         Forger forger(made.path);
@@ -255,14 +255,14 @@ TEST_CASE("a table that contradicts the header's range is refused") {
         SECTION("the smallest value") {
             row.min -= 1;
         }
-        SECTION("that values are missing") {
+        SECTION("a claim of missing values") {
             row.flags = kChunkHasMissing;
         }
     }
     CHECK_THROWS_WITH(StoreReader(made.path), Catch::Contains("the chunk table"));
 }
 
-TEST_CASE("check finds reserved flags in the table, quickly too") {
+TEST_CASE("check finds reserved flags in the table, also with depth quick") {
     const Made made;
     {
         Forger forger(made.path);
@@ -273,7 +273,7 @@ TEST_CASE("check finds reserved flags in the table, quickly too") {
     require_one(checked(made.path, quick), "table", 0, {1, 0, 2}, kWhole);
 }
 
-TEST_CASE("check finds a chunk that cannot be decoded though its checksum is right") {
+TEST_CASE("check finds a chunk that cannot be decoded although its checksum is valid") {
     const Made made;
     {
         Forger forger(made.path);
@@ -283,7 +283,7 @@ TEST_CASE("check finds a chunk that cannot be decoded though its checksum is rig
     require_one(checked(made.path), "decode", 1, {0, 0, 0}, kWhole);
 }
 
-TEST_CASE("only a deep check finds that HDF5's index leads elsewhere than the table") {
+TEST_CASE("only a deep check finds that HDF5's index and the table differ") {
     const Made made;
     {
         Forger forger(made.path);
@@ -297,7 +297,7 @@ TEST_CASE("only a deep check finds that HDF5's index leads elsewhere than the ta
     require_one(checked(made.path, deep), "hdf5", 0, {0, 1, 0}, kWhole);
 }
 
-TEST_CASE("checks of a store with damage in many places") {
+TEST_CASE("check of a store with damage in many places") {
     const Made made;
     {
         Forger forger(made.path);
@@ -327,7 +327,7 @@ TEST_CASE("check finds the node that differs from the source") {
     require_one(checked(made.path, options), "source", 0, {2, 1, 0}, {16, 11, 7});
 }
 
-TEST_CASE("check finds bounds that are too small, and names the same first ones at any threads") {
+TEST_CASE("check finds bounds that are too small, and names the same first ones for any threads") {
     Made made;
     {
         Forger forger(made.path);
@@ -352,7 +352,7 @@ TEST_CASE("check finds bounds that are too small, and names the same first ones 
             CHECK(again.findings[i].message == all.findings[i].message);
         }
     }
-    // Nothing else is wrong in a store of one level, so the bounds come first there.
+    // Nothing else is wrong in a store of one level, so the bounds are reported first.
     const TemporaryFolder folder;
     FunctionVolume<float> cube({3, 3, 3},
                                [](const Int3& p) { return static_cast<float>(noise(p)); });

@@ -1,4 +1,4 @@
-// What the cache keeps of a chunk, and how often a traversal decodes one.
+// What the cache keeps of a chunk, and how often a traversal decodes a chunk.
 #include "store/container/chunk_cache.h"
 
 #include <atomic>
@@ -7,9 +7,9 @@
 #include <thread>
 
 #include "query/traverse/traversal.h"
-#include "query/view/node_sampler.h"
+#include "query/values/node_sampler.h"
 #include "store/base/workers.h"
-#include "store/container/wrapping/recording_source.h"
+#include "store/container/wrapped_sources.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -23,7 +23,7 @@ const std::byte* element(const ChunkNodes& nodes, const Int3& p, std::size_t byt
     return nodes.data.get() + static_cast<std::size_t>(at) * bytes;
 }
 
-/// Compares the three low sides with the chunk as its source decodes it.
+/// Compares the three low sides with those of the chunk as its source decodes it.
 void require_low_sides(ChunkCache& cache, const ArrayInfo& array, const Int3& chunk) {
     std::vector<std::byte> whole(array.chunk_bytes());
     cache.source().decode(array, chunk, whole);
@@ -58,9 +58,10 @@ TEST_CASE("the low sides of a chunk are its nodes, for any array and size") {
                 cache.keep_sides(array, chunk);
                 const auto before = counted.decoded().at(array.row_of(chunk));
                 require_low_sides(cache, array, chunk);
-                // Once by the comparison itself: the sides alone were still there.
+                // The one decoding is that of the comparison itself: the sides alone were still
+                // there.
                 CHECK(counted.decoded().at(array.row_of(chunk)) == before + 1);
-                // All of it is back on demand.
+                // The whole chunk is available again on demand.
                 std::vector<std::byte> whole(array.chunk_bytes());
                 store.decode(array, chunk, whole);
                 const DecodedChunk again = cache.get(array, chunk);
@@ -71,7 +72,7 @@ TEST_CASE("the low sides of a chunk are its nodes, for any array and size") {
     }
 }
 
-TEST_CASE("a chunk that somebody holds, or that is not there, is not reduced to its low sides") {
+TEST_CASE("a chunk that is in use, or not in the cache, is not reduced to its low sides") {
     const TemporaryFolder folder;
     FunctionVolume<float> volume({20, 20, 20},
                                  [](const Int3& p) { return static_cast<float>(smooth(p)); });
@@ -88,8 +89,7 @@ TEST_CASE("a chunk that somebody holds, or that is not there, is not reduced to 
     CHECK(counted.decoded().at(array.row_of({0, 0, 0})) == 1);
 }
 
-TEST_CASE(
-    "low sides that are asked for while their chunk is reduced to them are not decoded again") {
+TEST_CASE("low sides requested while their chunk is reduced to them are not decoded again") {
     const TemporaryFolder folder;
     FunctionVolume<std::uint8_t> volume(
         {64, 64, 64}, [](const Int3& p) { return static_cast<std::uint8_t>(255 * noise(p)); });
@@ -127,7 +127,8 @@ TEST_CASE(
     CHECK(decoded == chunks);
 }
 
-TEST_CASE("a full surface decodes each chunk once with the memory of a few and the sides of all") {
+TEST_CASE(
+    "a full surface decodes each chunk once, with memory for a few chunks and the sides of all") {
     const TemporaryFolder folder;
     FunctionVolume<std::uint8_t> volume(
         {97, 90, 99}, [](const Int3& p) { return static_cast<std::uint8_t>(255 * noise(p)); });
@@ -157,11 +158,11 @@ TEST_CASE("a full surface decodes each chunk once with the memory of a few and t
     for (const auto& [row, times] : counted.decoded()) {
         CHECK(times == 1);
     }
-    // One chunk may be decoded for its sides on top.
+    // One more chunk may be decoded for its sides.
     CHECK(cache.peak_bytes() <= budget + array.chunk_bytes() + kOverhead);
 }
 
-TEST_CASE("a full surface with normals and vertex values decodes each chunk twice at most") {
+TEST_CASE("a full surface with normals and vertex values decodes each chunk at most twice") {
     const TemporaryFolder folder;
     FunctionVolume<std::uint8_t> volume(
         {131, 120, 140}, [](const Int3& p) { return static_cast<std::uint8_t>(255 * noise(p)); });

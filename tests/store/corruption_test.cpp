@@ -1,6 +1,6 @@
-// Flipped bytes and cut ends: a right result or a clear error, never a wrong mesh.
+// Flipped bytes and truncation: a correct result or a clear error, never a wrong mesh.
 //
-// ISONEST_FLIPS=10000 ISONEST_TRUNCATIONS=1000 in the environment: that many.
+// ISONEST_FLIPS=10000 ISONEST_TRUNCATIONS=1000 in the environment: the numbers of tries.
 #include <sys/resource.h>
 
 #include <catch2/catch.hpp>
@@ -10,7 +10,7 @@
 #include <isonest/error.h>
 
 #include "query/check/check.h"
-#include "query/extract/info.h"
+#include "query/extract/extract.h"
 #include "tests/support/sanitized.h"
 #include "tests/support/test_support.h"
 
@@ -34,10 +34,10 @@ bool is_clean(ErrorKind kind) {
     return kind == ErrorKind::corrupt || kind == ErrorKind::unsupported;
 }
 
-/// What came out of a damaged store.
+/// The results for damaged stores.
 struct Outcomes {
-    int right = 0;    ///< opened, and all meshes are those of the whole store
-    int refused = 0;  ///< some command ended in an error of the right kind
+    int right = 0;    ///< opened, and all meshes are those of the undamaged store
+    int refused = 0;  ///< some command ended with an error of the right kind
     int found = 0;    ///< check had a finding
     int wrong = 0;
 };
@@ -112,7 +112,8 @@ void try_store(const std::filesystem::path& path, const Expected& expected,
     }
 }
 
-/// More heap than this for stores of a few hundred kilobytes would be an allocation by a lie.
+/// For stores of a few hundred kilobytes, a larger heap would be an allocation caused by a false
+/// size.
 struct HeapLimit {
     HeapLimit() {
 #ifndef SANITIZED
@@ -142,7 +143,8 @@ void damage(const Int3& nodes, const std::function<T(const Int3&)>& f, double is
     const Expected expected =
         expectation(folder / "s", iso, nodes.z > 1 ? "m.ply" : "m.obj", folder);
     std::mt19937_64 random(static_cast<std::uint64_t>(nodes.product()));
-    // Every kind of place: metadata, table and values at the ends are small against the chunks.
+    // Covers all kinds of places: metadata, table and values at the ends are small compared with
+    // the chunks.
     const auto place = [&] {
         const std::size_t kind = random() % 4;
         const std::size_t size = whole.size();
@@ -165,7 +167,7 @@ void damage(const Int3& nodes, const std::function<T(const Int3&)>& f, double is
     CHECK(flipped.right + flipped.refused == flips);
     CHECK(flipped.refused > 0);
     CHECK(flipped.found > flips / 2);
-    // A store without its footer opens through HDF5.
+    // A store without a footer is opened through HDF5.
     const std::uint64_t hdf5_end = StoreReader(folder / "s").catalogue()->footer.hdf5_end;
     int behind = 0;
     Outcomes cut;
@@ -186,7 +188,7 @@ void damage(const Int3& nodes, const std::function<T(const Int3&)>& f, double is
 
 }  // namespace
 
-TEST_CASE("flipped bytes and cut ends give a right mesh or a clear error") {
+TEST_CASE("flipped bytes and truncation give a correct mesh or a clear error") {
     const int flips = times("ISONEST_FLIPS", 240);
     const int cuts = times("ISONEST_TRUNCATIONS", 45);
     damage<float>(
@@ -205,7 +207,7 @@ TEST_CASE("flipped bytes and cut ends give a right mesh or a clear error") {
         all, flips / 4, cuts / 4);
 }
 
-TEST_CASE("damage on a fine level does not keep a coarse surface from being extracted") {
+TEST_CASE("damage on a fine level does not affect a coarse surface") {
     const TemporaryFolder folder;
     FunctionVolume<float> volume({65, 65, 65},
                                  [](const Int3& p) { return static_cast<float>(p.x) + 0.25F; });

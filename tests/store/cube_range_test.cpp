@@ -1,4 +1,5 @@
-// The ranges of cubes: what a walk over the values finds, and nothing lost by what they exclude.
+// The ranges of cubes agree with a direct search over the values, and what they exclude contains no
+// surface.
 #include <catch2/catch.hpp>
 #include <fstream>
 #include <mutex>
@@ -7,7 +8,7 @@
 
 #include "query/check/check.h"
 #include "query/traverse/traversal.h"
-#include "store/container/wrapping/recording_source.h"
+#include "store/container/wrapped_sources.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -45,7 +46,7 @@ void require_ranges(FunctionVolume<T>& volume, int chunk) {
                 high = std::fmax(high, v);
             }
             const CubeRange range = *store.cube_range(level, cube);
-            // As near as a binary32 gets.
+            // Within the precision of binary32.
             const auto near = [](double stored, double exact) {
                 return stored == exact || std::fabs(stored - exact) <= std::fabs(exact) * 0x1p-23 ||
                        std::fabs(exact) > std::numeric_limits<float>::max();
@@ -62,7 +63,7 @@ void require_ranges(FunctionVolume<T>& volume, int chunk) {
     CHECK(check(store, {}, silent_progress()).failures == 0);
 }
 
-/// The store as it was before there were ranges.
+/// The store without ranges, as in older versions.
 class WithoutRanges : public RecordingSource {
   public:
     using RecordingSource::RecordingSource;
@@ -83,7 +84,7 @@ Found found(const ChunkSource& source, double iso, double error) {
     ChunkCache cache(source, 1U << 24U);
     TraversalQuery query;
     query.iso = iso;
-    query.tolerance = Tolerance(error, {}, {}, {1, 1, 1}, {});
+    query.tolerance = Tolerance(error, {}, {}, {}, {});
     const Int3 last = source.layout().lattice().nodes() - Int3{1, 1, 1};
     query.box.hi = {static_cast<double>(last.x), static_cast<double>(last.y),
                     static_cast<double>(last.z)};
@@ -103,8 +104,7 @@ Found found(const ChunkSource& source, double iso, double error) {
     return out;
 }
 
-/// Noise with a few peaks: what a bound on the distance from the linear function excludes little
-/// of.
+/// Noise with a few peaks: a bound on the distance from the linear function excludes little of it.
 std::uint16_t peaks(const Int3& p) {
     const bool peak = p.x % 37 == 11 && p.y % 41 == 30 && p.z == 20;
     return static_cast<std::uint16_t>(1000 * noise(p) + (peak ? 3000 : 0));
@@ -112,7 +112,7 @@ std::uint16_t peaks(const Int3& p) {
 
 }  // namespace
 
-TEST_CASE("a cube's range is that of its values, on every size and type") {
+TEST_CASE("a cube's range is that of its values, for every size and type") {
     for (const Int3& n : {Int3{9, 9, 9}, Int3{10, 3, 2}, Int3{8, 9, 8}, Int3{33, 17, 65},
                           Int3{50, 21, 38}, Int3{2, 2, 70}, Int3{40, 30, 1}, Int3{1, 1, 50}}) {
         FunctionVolume<std::uint8_t> bytes(
@@ -139,7 +139,7 @@ TEST_CASE("a cube's range is that of its values, on every size and type") {
     require_ranges(holes, 8);
 }
 
-TEST_CASE("what the ranges exclude holds no surface, and it is much where peaks are rare") {
+TEST_CASE("what the ranges exclude has no surface, and they exclude much if peaks are rare") {
     const TemporaryFolder folder;
     FunctionVolume<std::uint16_t> volume({97, 90, 70}, peaks);
     make_store(volume, folder / "s", with_chunk(16));
@@ -163,7 +163,7 @@ TEST_CASE("what the ranges exclude holds no surface, and it is much where peaks 
     }
 }
 
-TEST_CASE("a damaged range is named, and does not keep others from being used") {
+TEST_CASE("a damaged range is reported, and other ranges can still be used") {
     const TemporaryFolder folder;
     FunctionVolume<std::uint16_t> volume({97, 90, 70}, peaks);
     make_store(volume, folder / "s", with_chunk(16));
@@ -197,7 +197,7 @@ TEST_CASE("a damaged range is named, and does not keep others from being used") 
     CHECK_THROWS_MATCHES(extract(store, folder / "m.ply", options, silent_progress()), Error,
                          is_corrupt);
     CHECK(!std::filesystem::exists(folder / "m.ply"));
-    options.error = 0;  // needs no ranges
+    options.error = 0;  // does not need ranges
     extract(store, folder / "m.ply", options, silent_progress());
     for (const CheckDepth depth : {CheckDepth::quick, CheckDepth::standard}) {
         CheckOptions how;

@@ -1,5 +1,5 @@
-// The cache of ranges on disk: what it gives back is what was kept, whatever happens to its files
-// and to the processes that write them, and it stays within its bound.
+// The cache of ranges on disk: it returns what was kept, whatever happens to its files and to the
+// processes that write them, and its size stays within the limit.
 #include "store/bytes/disk_cache.h"
 
 #include <fcntl.h>
@@ -28,7 +28,6 @@
 
 #include <isonest/error.h>
 
-#include "store/bytes/cached_block.h"
 #include "tests/support/sanitized.h"
 #include "tests/support/test_support.h"
 
@@ -46,7 +45,7 @@ ObjectState object_state(const std::string& version = "\"abc\"") {
     return {"https://host.example/scans/bucky.isonest", version, kObjectBytes};
 }
 
-/// The bytes of an object: those of another one differ everywhere.
+/// The bytes of an object: two objects differ in every byte.
 std::vector<std::byte> object_bytes(ByteRange range, unsigned object = 0) {
     std::vector<std::byte> bytes(range.size);
     for (std::uint64_t i = 0; i < range.size; ++i) {
@@ -91,7 +90,7 @@ std::vector<std::filesystem::path> entries_below(const std::filesystem::path& fo
     return files;
 }
 
-/// As they lie on disks.
+/// The space that they take on disk.
 std::uint64_t bytes_of_entries(const std::filesystem::path& folder) {
     std::uint64_t sum = 0;
     for (const auto& file : entries_below(folder)) {
@@ -107,7 +106,7 @@ ByteRange random_range(std::mt19937_64& random) {
     return {random() % (kObjectBytes - size), size};
 }
 
-/// Keeps and loads ranges of two objects, until `until`. False if a byte was wrong.
+/// Keeps and loads ranges of two objects, until `until`. Returns false if a byte was wrong.
 bool use_cache(const std::filesystem::path& folder, std::uint64_t most, unsigned seed,
                std::chrono::steady_clock::time_point until) {
     const DiskCache cache(folder, most);
@@ -129,7 +128,7 @@ bool use_cache(const std::filesystem::path& folder, std::uint64_t most, unsigned
     return cache.warning().empty();
 }
 
-/// A process that does f() and ends with 0 if that was true.
+/// Starts a process that runs f() and exits with 0 if it returns true.
 pid_t start_process(const std::function<bool()>& f) {
     const pid_t child = ::fork();
     if (child == 0) {
@@ -145,7 +144,7 @@ pid_t start_process(const std::function<bool()>& f) {
     return child;
 }
 
-/// How it ended, as waitpid() says it.
+/// Waits for the process; returns its status as waitpid() gives it.
 int wait_for(pid_t child) {
     int status = 0;
     REQUIRE(::waitpid(child, &status, 0) == child);
@@ -162,7 +161,7 @@ std::chrono::steady_clock::time_point in(std::chrono::milliseconds time) {
 
 }  // namespace
 
-TEST_CASE("the state in which an object was found last is known, until it is damaged") {
+TEST_CASE("the last known state of an object is returned until it is damaged") {
     const TemporaryFolder dir;
     const DiskCache cache(dir.path(), kPlenty);
     const ObjectState asked{object_state().url, "", 0};
@@ -186,7 +185,7 @@ TEST_CASE("the state in which an object was found last is known, until it is dam
     CHECK_FALSE(cache.last_of(asked));
 }
 
-TEST_CASE("what is forgotten is not given any more, and other bytes may be kept in its place") {
+TEST_CASE("what is forgotten is no longer returned, and other bytes can be kept in its place") {
     const TemporaryFolder dir;
     const DiskCache cache(dir.path(), kPlenty);
     const auto object = cache.of(object_state());
@@ -197,19 +196,19 @@ TEST_CASE("what is forgotten is not given any more, and other bytes may be kept 
     CHECK_FALSE(object->load({kBlock + 149, 10}));
     CHECK(has(*object, {100, kBlock - 50}, 1));
     CHECK(has(*object, {kBlock + 150, 1000}, 1));
-    object->forget({kObjectBytes, 5});  // nothing
+    object->forget({kObjectBytes, 5});  // an empty range
     object->forget({kBlock, kBlock});   // a whole block
     CHECK_FALSE(object->load({2 * kBlock - 1, 1}));
     CHECK(has(*object, {2 * kBlock, 100}, 1));
     keep(*object, {kBlock, 1000});
     CHECK(has(*object, {kBlock, 1000}));
     CHECK_FALSE(object->load({kBlock + 900, 200}));
-    // What is added to a block that was just read is there.
+    // Bytes added to a block that was just read are there.
     keep(*object, {kBlock + 1000, 1000});
     CHECK(has(*object, {kBlock, 2000}));
 }
 
-TEST_CASE("a block has what was added, as a set of bytes has it") {
+TEST_CASE("a block has exactly the bytes that were added") {
     std::mt19937_64 random(5);
     for (int round = 0; round < 30; ++round) {
         CachedBlock block;
@@ -239,7 +238,7 @@ TEST_CASE("a block has what was added, as a set of bytes has it") {
     }
 }
 
-TEST_CASE("a file of a block is another's with another name or number, and damaged by any bit") {
+TEST_CASE("a block's file is refused under another name or number, and if any bit is damaged") {
     CachedBlock block;
     block.add(10, object_bytes({10, 40}));
     block.add(100, object_bytes({100, 7}));
@@ -264,7 +263,7 @@ TEST_CASE("a file of a block is another's with another name or number, and damag
     CHECK(CachedBlock::decode(CachedBlock().encode("name", 7), "name", 7));
 }
 
-TEST_CASE("what was kept is found, joined with neighbours or not, by this and later runs") {
+TEST_CASE("kept ranges are found, joined with neighbours or not, by this and later runs") {
     const TemporaryFolder folder;
     const auto path = folder / "a" / "cache";
     {
@@ -274,7 +273,7 @@ TEST_CASE("what was kept is found, joined with neighbours or not, by this and la
         CHECK_FALSE(ranges->load({0, 1}));
         CHECK(ranges->load({5, 0}));
         keep(*ranges, {100, 1000});
-        keep(*ranges, {1100, 3 * kBlock});  // touches the first
+        keep(*ranges, {1100, 3 * kBlock});  // adjacent to the first
         keep(*ranges, {kObjectBytes - 10, 10});
         keep(*ranges, {10 * kBlock, kBlock});
         CHECK(cache.warning().empty());
@@ -289,7 +288,7 @@ TEST_CASE("what was kept is found, joined with neighbours or not, by this and la
     CHECK_FALSE(has(*ranges, {99, 2}));
     CHECK_FALSE(has(*ranges, {1100 + 3 * kBlock - 1, 2}));
     CHECK_FALSE(has(*ranges, {10 * kBlock - 1, 2}));
-    // Outside the object nothing is.
+    // Nothing is found outside the object.
     CHECK_FALSE(ranges->load({kObjectBytes - 1, 2}));
     CHECK_FALSE(ranges->load({kObjectBytes + 1, 0}));
     CHECK_FALSE(ranges->load({~std::uint64_t{0}, 2}));
@@ -299,11 +298,11 @@ TEST_CASE("what was kept is found, joined with neighbours or not, by this and la
     CHECK_FALSE(has(*ranges, {20 * kBlock, 4}));
 }
 
-TEST_CASE("any ranges, by several threads at the same time: all of them are found afterwards") {
+TEST_CASE("ranges kept by several threads at the same time are all found afterwards") {
     const TemporaryFolder folder;
     const DiskCache cache(folder.path(), kPlenty);
     const auto ranges = cache.of(object_state());
-    constexpr std::uint64_t kPiece = 10'007;  // six to a block, and across borders
+    constexpr std::uint64_t kPiece = 10'007;  // six per block, and across borders
     std::atomic<std::uint64_t> next = 0;
     std::vector<std::thread> threads;
     for (int t = 0; t < 4; ++t) {
@@ -321,7 +320,7 @@ TEST_CASE("any ranges, by several threads at the same time: all of them are foun
     CHECK_FALSE(has(*ranges, {pieces * kPiece - 1, 2}));
 }
 
-TEST_CASE("what is kept while its block is loaded is found afterwards") {
+TEST_CASE("a range kept while its block is being loaded is found afterwards") {
     const TemporaryFolder folder;
     const DiskCache cache(folder.path(), kPlenty);
     const auto ranges = cache.of(object_state());
@@ -350,7 +349,8 @@ TEST_CASE("what is kept while its block is loaded is found afterwards") {
     CHECK(missing == 0);
 }
 
-TEST_CASE("another ETag, size or URL has entries of its own, and no version has none") {
+TEST_CASE(
+    "another ETag, size or URL has separate entries, and objects without a version have none") {
     const TemporaryFolder folder;
     const DiskCache cache(folder.path(), kPlenty);
     std::vector<ObjectState> states{
@@ -370,7 +370,7 @@ TEST_CASE("another ETag, size or URL has entries of its own, and no version has 
     CHECK_FALSE(has(*cache.of(object_state("\"3\"")), {100, 1}));
 }
 
-TEST_CASE("files are for their owner alone, and their names tell nothing") {
+TEST_CASE("files are only accessible to their owner, and their names reveal nothing") {
     const TemporaryFolder folder;
     const auto path = folder / "cache";
     const DiskCache cache(path, kPlenty);
@@ -388,7 +388,7 @@ TEST_CASE("files are for their owner alone, and their names tell nothing") {
     }
 }
 
-TEST_CASE("a damaged, cut or empty entry is not there, and goes away") {
+TEST_CASE("a damaged, truncated or empty entry is not used, and is removed") {
     const TemporaryFolder folder;
     const DiskCache cache(folder.path(), kPlenty);
     const auto ranges = cache.of(object_state());
@@ -414,7 +414,7 @@ TEST_CASE("a damaged, cut or empty entry is not there, and goes away") {
     CHECK(cache.warning().empty());
 }
 
-TEST_CASE("entries that were not used for the longest time give way") {
+TEST_CASE("the least recently used entries are evicted") {
     const TemporaryFolder folder;
     constexpr std::uint64_t kEntry = kBlock + 4096;
     const DiskCache cache(folder.path(), 10 * kEntry);
@@ -440,7 +440,8 @@ TEST_CASE("entries that were not used for the longest time give way") {
     CHECK(cache.warning().empty());
 }
 
-TEST_CASE("a bound too small for anything keeps nothing, and a smaller one than before holds") {
+TEST_CASE(
+    "with a limit too small for anything nothing is kept, and a smaller limit than before holds") {
     const TemporaryFolder folder;
     {
         const DiskCache cache(folder.path(), 1000);
@@ -456,7 +457,7 @@ TEST_CASE("a bound too small for anything keeps nothing, and a smaller one than 
     CHECK(has(*cache.of(object_state("2")), {0, 10}));
 }
 
-TEST_CASE("a count that is damaged, missing or far too high is put right") {
+TEST_CASE("a count that is damaged, missing or far too high is corrected") {
     const TemporaryFolder folder;
     const auto count = folder / "isonest-cache-1" / "bytes";
     const DiskCache cache(folder.path(), 20 * kBlock);
@@ -484,13 +485,13 @@ TEST_CASE("a count that is damaged, missing or far too high is put right") {
     CHECK(cache.warning().empty());
 }
 
-TEST_CASE("four processes stay within the bound together, and get the right bytes") {
+TEST_CASE("four processes together stay within the limit, and get the right bytes") {
     const TemporaryFolder folder;
-    constexpr std::uint64_t kMost = 16 * kBlock;
+    constexpr std::uint64_t kMax = 16 * kBlock;
     std::vector<pid_t> children;
     for (unsigned i = 0; i < 4; ++i) {
         children.push_back(start_process([&] {
-            return use_cache(folder.path(), kMost, i, in(std::chrono::milliseconds(1500)));
+            return use_cache(folder.path(), kMax, i, in(std::chrono::milliseconds(1500)));
         }));
     }
     std::uint64_t most = 0;
@@ -501,42 +502,42 @@ TEST_CASE("four processes stay within the bound together, and get the right byte
     for (const pid_t child : children) {
         CHECK(wait_for(child) == 0);
     }
-    CHECK(most > kMost / 2);
-    // Looking takes time: of entries that give way meanwhile, a few are seen beside those in their
-    // place.
-    CHECK(most <= kMost + kMost / 4);
-    CHECK(bytes_of_entries(folder.path()) <= kMost);
+    CHECK(most > kMax / 2);
+    // Measuring takes time: a few entries that are evicted meanwhile are counted in addition to
+    // those that replace them.
+    CHECK(most <= kMax + kMax / 4);
+    CHECK(bytes_of_entries(folder.path()) <= kMax);
     CHECK(entries_below(folder.path()).size() > 4);
 }
 
-TEST_CASE("processes that are killed leave a cache that works") {
+TEST_CASE("processes that are killed leave a working cache") {
     const TemporaryFolder folder;
-    constexpr std::uint64_t kMost = 16 * kBlock;
+    constexpr std::uint64_t kMax = 16 * kBlock;
     std::mt19937_64 random(3);
     for (unsigned round = 0; round < 40; ++round) {
         const pid_t child = start_process(
-            [&] { return use_cache(folder.path(), kMost, round, in(std::chrono::seconds(60))); });
+            [&] { return use_cache(folder.path(), kMax, round, in(std::chrono::seconds(60))); });
         std::this_thread::sleep_for(std::chrono::microseconds(random() % 20'000));
         REQUIRE(::kill(child, SIGKILL) == 0);
         CHECK(WIFSIGNALED(wait_for(child)));
-        CHECK(bytes_of_entries(folder.path()) <= kMost);
+        CHECK(bytes_of_entries(folder.path()) <= kMax);
     }
-    CHECK(use_cache(folder.path(), kMost, 100, in(std::chrono::milliseconds(200))));
-    // What was left under temporary names is removed when it is old.
+    CHECK(use_cache(folder.path(), kMax, 100, in(std::chrono::milliseconds(200))));
+    // Old files with temporary names are removed.
     std::ofstream(folder / "isonest-cache-1" / "new" / "1-2-3") << "left";
     const auto left = files_below(folder / "isonest-cache-1" / "new");
     REQUIRE_FALSE(left.empty());
     for (const auto& file : left) {
         make_older(file, std::chrono::seconds(100));
     }
-    const DiskCache cache(folder.path(), kMost);
+    const DiskCache cache(folder.path(), kMax);
     CHECK(files_below(folder / "isonest-cache-1" / "new").empty());
     keep(*cache.of(object_state()), {0, kBlock});
     CHECK(has(*cache.of(object_state()), {0, kBlock}));
-    CHECK(bytes_of_entries(folder.path()) <= kMost);
+    CHECK(bytes_of_entries(folder.path()) <= kMax);
 }
 
-TEST_CASE("a process that stands still with the locks does not stop others") {
+TEST_CASE("a process that is stopped while it holds the locks does not stop others") {
     const TemporaryFolder folder;
     const DiskCache cache(folder.path(), 4 * kBlock);
     const auto ranges = cache.of(object_state());
@@ -570,7 +571,7 @@ TEST_CASE("a process that stands still with the locks does not stop others") {
 }
 
 #ifndef SANITIZED
-TEST_CASE("what there is no memory to load is still there afterwards") {
+TEST_CASE("an entry that cannot be loaded for lack of memory is still there afterwards") {
     const TemporaryFolder folder;
     const ByteRange range{kBlock / 2, 5 * kBlock};
     keep(*DiskCache(folder.path(), kPlenty).of(object_state()), range);
@@ -582,7 +583,7 @@ TEST_CASE("what there is no memory to load is still there afterwards") {
         taken.reserve(100'000);
         std::uint64_t pages = 0;
         std::ifstream statm("/proc/self/statm");
-        for (int i = 0; i < 6; ++i) {  // the sixth: data
+        for (int i = 0; i < 6; ++i) {  // the sixth number is the size of data
             statm >> pages;
         }
         rlimit before{};
@@ -592,7 +593,7 @@ TEST_CASE("what there is no memory to load is still there afterwards") {
                                before.rlim_max};
             ::setrlimit(RLIMIT_DATA, &limit);
         };
-        // What earlier tests gave back is in use.
+        // Memory freed by earlier tests is used up.
         limit_to(0);
         for (const std::size_t size : {kBlock * 16, kBlock, kBlock / 16}) {
             while (taken.size() < taken.capacity()) {
@@ -627,7 +628,7 @@ TEST_CASE("what there is no memory to load is still there afterwards") {
 }
 #endif
 
-TEST_CASE("a folder that cannot be made is an error, and one that cannot be used a warning") {
+TEST_CASE("a folder that cannot be made is an error, and one that cannot be used gives a warning") {
     const TemporaryFolder folder;
     std::ofstream(folder / "file") << "x";
     for (const auto& path : {folder / "file", folder / "file" / "below"}) {
@@ -646,18 +647,18 @@ TEST_CASE("a folder that cannot be made is an error, and one that cannot be used
         return !has(*ranges, {0, 10}) && !cache.warning().empty() &&
                cache.warning().find('\n') == std::string::npos;
     };
-    // Something else has the name.
+    // Something else has this name.
     const auto taken = folder / "taken";
     std::filesystem::create_directories(taken);
     std::ofstream(taken / "isonest-cache-1") << "x";
     const DiskCache in_the_way(taken, kPlenty);
     CHECK(is_off(in_the_way));
-    // Others may write into it.
+    // Others can write into it.
     const auto open_to_all = folder / "open";
     keep(*DiskCache(open_to_all, kPlenty).of(object_state()), {0, 10});
     CHECK(::chmod((open_to_all / "isonest-cache-1").c_str(), 0722) == 0);
     CHECK(is_off(DiskCache(open_to_all, kPlenty)));
-    // It is taken away in the middle.
+    // It is removed meanwhile.
     const auto gone = folder / "gone";
     const DiskCache vanished(gone, kPlenty);
     std::filesystem::remove_all(gone);
@@ -677,7 +678,7 @@ TEST_CASE("a folder that cannot be made is an error, and one that cannot be used
                files_below(full / "isonest-cache-1" / "new").empty();
     }));
     CHECK(status == 0);
-    // Nobody but the owner may write, and this process is somebody else, if it can be.
+    // Only the owner can write, and this process runs as another user, if possible.
     const auto foreign = folder / "foreign";
     keep(*DiskCache(foreign, kPlenty).of(object_state()), {0, 10});
     const int foreign_status = wait_for(start_process([&] {

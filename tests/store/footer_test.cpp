@@ -1,5 +1,6 @@
-// What stands behind HDF5's end of a store: it opens by it alone, and damage there is noticed.
-#include "store/container/footer/footer.h"
+// The part of a store after the end of HDF5's part: it is enough to open the store, and damage
+// there is detected.
+#include "store/container/parts/footer.h"
 
 #include <algorithm>
 #include <array>
@@ -10,8 +11,7 @@
 #include <isonest/error.h>
 
 #include "query/check/check.h"
-#include "store/container/footer/chunk_table.h"
-#include "tests/support/far_bytes.h"
+#include "tests/support/remote_bytes.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -49,19 +49,19 @@ std::vector<ChunkRow> all_rows(const std::string& bytes, const CatalogueTable& t
 
 }  // namespace
 
-TEST_CASE("a store opens by its footer alone, and far away by one read") {
+TEST_CASE("a store is opened by its footer alone, and a remote one with one read") {
     const TemporaryFolder folder;
     const std::string bytes = store_of_pages(folder);
     const StoreReader local(folder / "s");
     REQUIRE(local.catalogue() != nullptr);
     CHECK(local.version().text() == "2.10");
-    const auto far_bytes = std::make_shared<const FarBytes>(bytes);
-    const StoreReader far(far_bytes);
-    CHECK(far.is_far());
-    const auto opening = far_bytes->reads();
+    const auto remote_bytes = std::make_shared<const RemoteBytes>(bytes);
+    const StoreReader far(remote_bytes);
+    CHECK(far.is_remote());
+    const auto opening = remote_bytes->reads();
     REQUIRE(opening.size() == 1);
     CHECK(opening[0].offset + opening[0].size == bytes.size());
-    CHECK(opening[0].size == std::min<std::uint64_t>(kFarTail, bytes.size()));
+    CHECK(opening[0].size == std::min<std::uint64_t>(kRemoteTail, bytes.size()));
     CHECK(far.identity() == local.identity());
     for (const double error : {0.0, 0.1}) {
         CHECK(surface(far, folder, error) == surface(local, folder, error));
@@ -82,7 +82,7 @@ TEST_CASE("a store opens by its footer alone, and far away by one read") {
         const ArrayTotals b = by_hdf5.totals(array);
         CHECK(same_bits(a, b));
     }
-    const auto older = std::make_shared<const FarBytes>(bytes.substr(0, footer.hdf5_end));
+    const auto older = std::make_shared<const RemoteBytes>(bytes.substr(0, footer.hdf5_end));
     const StoreReader far_by_hdf5(older);
     CHECK(far_by_hdf5.catalogue() == nullptr);
     CHECK(surface(far_by_hdf5, folder) == surface(local, folder));
@@ -90,7 +90,7 @@ TEST_CASE("a store opens by its footer alone, and far away by one read") {
     CHECK(check(far, {}, silent_progress()).failures == 0);
 }
 
-TEST_CASE("pages of the chunk table are the same for many threads, near and far") {
+TEST_CASE("pages of the chunk table are the same for many threads, local and remote") {
     const TemporaryFolder folder;
     const std::string bytes = store_of_pages(folder);
     const StoreReader local(folder / "s");
@@ -98,10 +98,10 @@ TEST_CASE("pages of the chunk table are the same for many threads, near and far"
     const std::vector<ChunkRow> rows = all_rows(bytes, place);
     REQUIRE(rows.size() > 2 * kRowsOfPage);
     REQUIRE(rows.size() % kRowsOfPage != 0);
-    const FarBytes far(bytes);
+    const RemoteBytes far(bytes);
     const FoundCatalogue found = found_in(far);
     const ChunkTable near_table(local.bytes(), *local.catalogue());
-    const ChunkTable far_table(far, found);
+    const ChunkTable remote_table(far, found);
     std::atomic<int> wrong = 0;
     std::vector<std::thread> threads;
     for (std::size_t t = 0; t < 8; ++t) {
@@ -109,7 +109,7 @@ TEST_CASE("pages of the chunk table are the same for many threads, near and far"
             for (std::size_t i = 0; i < rows.size(); ++i) {
                 const std::size_t at = (i * 37 + t * 101) % rows.size();
                 wrong += same_bits(near_table.row(at), rows[at]) ? 0 : 1;
-                wrong += same_bits(far_table.row(at), rows[at]) ? 0 : 1;
+                wrong += same_bits(remote_table.row(at), rows[at]) ? 0 : 1;
             }
         });
     }
@@ -119,10 +119,10 @@ TEST_CASE("pages of the chunk table are the same for many threads, near and far"
     CHECK(wrong == 0);
 }
 
-TEST_CASE("a damaged page is noticed when a row of it is used, and not before") {
+TEST_CASE("a damaged page is detected when one of its rows is used, and not before") {
     const TemporaryFolder folder;
     const std::string whole = store_of_pages(folder);
-    const FarBytes original(whole);
+    const RemoteBytes original(whole);
     const CatalogueTable place = *found_in(original).catalogue.table;
     const std::uint64_t pages = (place.rows - 1) / kRowsOfPage + 1;
     for (const std::uint64_t damaged : {std::uint64_t{0}, pages - 1}) {
@@ -132,7 +132,7 @@ TEST_CASE("a damaged page is noticed when a row of it is used, and not before") 
         bytes[place.offset + row * sizeof(ChunkRow) + 20] ^= 0x40;
         write_file(folder / "d", bytes);
         const StoreReader local(folder / "d");
-        const StoreReader far(std::make_shared<const FarBytes>(bytes));
+        const StoreReader far(std::make_shared<const RemoteBytes>(bytes));
         for (const StoreReader* store : {&local, &far}) {
             for (const ArrayInfo& array : store->layout().arrays()) {
                 for (std::int64_t i = 0; i < array.grid.product(); ++i) {
@@ -144,47 +144,47 @@ TEST_CASE("a damaged page is noticed when a row of it is used, and not before") 
             }
         }
         const CheckReport report = check(local, {}, silent_progress());
-        // Its chunks, and the footer, whose checksum it does not have.
+        // Its chunks, and the footer, whose checksum does not match.
         CHECK(report.failures == row - damaged * kRowsOfPage + 1 + 1);
         CHECK(report.findings[0].test == "table");
     }
 }
 
-TEST_CASE("of a far table no more is kept than was said, whatever is asked for") {
+TEST_CASE("the pages kept of a remote table stay within the limit for any access") {
     constexpr std::uint64_t kPages = 5;
-    std::vector<ChunkRow> rows(kPages * kMostRowsOfPage - 7);
+    std::vector<ChunkRow> rows(kPages * kMaxRowsOfPage - 7);
     for (std::size_t i = 0; i < rows.size(); ++i) {
         rows[i].offset = i;
     }
     const auto table = std::as_bytes(std::span(rows));
-    const std::size_t page = kMostRowsOfPage * sizeof(ChunkRow);
-    REQUIRE(page * kPages > 2 * ChunkTable::kMostHeld);
+    const std::size_t page = kMaxRowsOfPage * sizeof(ChunkRow);
+    REQUIRE(page * kPages > 2 * ChunkTable::kMaxHeld);
     std::vector<std::uint64_t> sums;
     for (std::size_t i = 0; i < table.size(); i += page) {
         sums.push_back(checksum_of(table.subspan(i, std::min(page, table.size() - i))));
     }
-    const FarBytes bytes({reinterpret_cast<const char*>(table.data()), table.size()});
+    const RemoteBytes bytes({reinterpret_cast<const char*>(table.data()), table.size()});
     FoundCatalogue found;
     found.tail_begin = table.size();
-    found.catalogue.table = {0, rows.size(), kMostRowsOfPage, 0, std::as_bytes(std::span(sums))};
+    found.catalogue.table = {0, rows.size(), kMaxRowsOfPage, 0, std::as_bytes(std::span(sums))};
     const ChunkTable far(bytes, found);
-    for (const std::size_t step : {std::size_t{1}, kMostRowsOfPage}) {
+    for (const std::size_t step : {std::size_t{1}, kMaxRowsOfPage}) {
         for (std::size_t i = 0; i < 40; ++i) {
             const std::size_t at = i * step % rows.size();
             REQUIRE(far.row(at).offset == at);
         }
     }
-    CHECK(bytes.reads().size() > kPages);  // those that were replaced were read again
+    CHECK(bytes.reads().size() > kPages);  // replaced pages were read again
     CHECK(failure([&] { static_cast<void>(far.row(rows.size() - 1)); }) == std::nullopt);
 }
 
-TEST_CASE("chunks of a far store are announced together, after the pages that say where they are") {
+TEST_CASE("chunks of a remote store are prefetched together, after the pages that locate them") {
     const TemporaryFolder folder;
-    // Pages that do not all lie in the end that is read first.
+    // Pages that are not all in the end that is read first.
     FunctionVolume<std::uint8_t> volume(
         {150, 145, 140}, [](const Int3& p) { return static_cast<std::uint8_t>(255 * noise(p)); });
     make_store(volume, folder / "s", with_chunk(8));
-    const auto bytes = std::make_shared<const FarBytes>(read_file(folder / "s"));
+    const auto bytes = std::make_shared<const RemoteBytes>(read_file(folder / "s"));
     const StoreReader store(bytes);
     const CatalogueTable& place = *store.catalogue()->catalogue.table;
     REQUIRE(place.offset < store.catalogue()->tail_begin);
@@ -205,7 +205,7 @@ TEST_CASE("chunks of a far store are announced together, after the pages that sa
         CHECK(wanted[i + 2].size == row.bytes);
     }
     CHECK(bytes->reads().size() == 2);
-    // Rows of a box are announced page by page, and what is there is not announced again.
+    // Rows of a box are prefetched page by page, and those present are not prefetched again.
     const StoreReader another(bytes);
     static_cast<void>(bytes->reads());
     another.prefetch_rows(values, {0, 0, 9}, {1, 1, 10});
@@ -219,7 +219,7 @@ TEST_CASE("chunks of a far store are announced together, after the pages that sa
     CHECK(bytes->reads().size() == pages.size());
     another.prefetch_rows(values, {0, 0, 0}, values.grid);
     CHECK(bytes->wanted().empty());
-    // Ranges of coarse levels are announced together, and read plane by plane, each once.
+    // Ranges of coarse levels are prefetched together, and read plane by plane, each once.
     CHECK(store.cube_range(4, {0, 0, 0}));
     const std::vector<ByteRange> ranges = bytes->wanted();
     CHECK(ranges.size() == static_cast<std::size_t>(store.layout().lattice().top()) - 2);
@@ -235,7 +235,7 @@ TEST_CASE("chunks of a far store are announced together, after the pages that sa
     CHECK(store.cube_range(3, {1, 2, 3}) == local.cube_range(3, {1, 2, 3}));
 }
 
-TEST_CASE("every flip behind HDF5's end is noticed, or changes nothing") {
+TEST_CASE("every flipped bit after the end of HDF5's part is detected, or has no effect") {
     const TemporaryFolder folder;
     FunctionVolume<std::uint8_t> volume({9, 10, 11}, [](const Int3& p) {
         return static_cast<std::uint8_t>(p.x + 9 * p.y % 7 + p.z);
@@ -272,7 +272,7 @@ TEST_CASE("every flip behind HDF5's end is noticed, or changes nothing") {
         CHECK((!kind || kind == ErrorKind::corrupt));
         (kind ? refused : harmless) += 1;
         const auto far = failure([&] {
-            const StoreReader store(std::make_shared<const FarBytes>(bytes));
+            const StoreReader store(std::make_shared<const RemoteBytes>(bytes));
             extract(store, folder / "m.ply", options, silent_progress());
             CHECK(read_file(folder / "m.ply") == expected);
         });
@@ -290,10 +290,10 @@ TEST_CASE("every flip behind HDF5's end is noticed, or changes nothing") {
     }
 }
 
-TEST_CASE("records that are not known, or longer, are left alone") {
+TEST_CASE("unknown or longer records are ignored") {
     const TemporaryFolder folder;
     const std::string bytes = store_of_pages(folder);
-    const FarBytes far(bytes);
+    const RemoteBytes far(bytes);
     const FoundCatalogue found = found_in(far);
     const std::span<const std::byte> old = found.bytes.bytes();
     const auto later = [&](std::uint32_t tag, std::uint64_t size) {
@@ -331,7 +331,7 @@ TEST_CASE("records that are not known, or longer, are left alone") {
     const StoreReader store(folder / "d");
     REQUIRE(store.catalogue() != nullptr);
     CHECK(surface(store, folder) == surface(StoreReader(folder / "s"), folder));
-    // A row that ends within a record is none.
+    // A list that ends within a record is invalid.
     CHECK_FALSE(parse_catalogue(std::span(changed).first(changed.size() - 8)).has_value());
     const std::vector<std::byte> one = later(9, 8);
     CHECK(parse_catalogue(one).has_value());

@@ -1,4 +1,4 @@
-// Names of labels: which texts they are, and what of a source's names a store takes.
+// Names of labels: which texts are valid, and which of a source's names a store keeps.
 #include "store/base/label_text.h"
 
 #include <catch2/catch.hpp>
@@ -7,7 +7,7 @@
 #include <isonest/mesh_file.h>
 #include <isonest/store.h>
 
-#include "preprocess/sources/wrapping/named_labels_source.h"
+#include "preprocess/sources/wrapping/label_names.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -49,7 +49,7 @@ std::unique_ptr<VolumeSource> named(std::vector<LabelName> names) {
 }  // namespace
 
 TEST_CASE(
-    "every code point but those that names must not have is taken, in its shortest form only") {
+    "every code point except those not allowed in names is accepted, in its shortest form only") {
     for (std::uint32_t code = 0; code < 0x110400; ++code) {
         if (is_printable_utf8("a" + utf8(code) + "b") != may_stand_in_names(code)) {
             CAPTURE(code);
@@ -66,7 +66,7 @@ TEST_CASE(
     }
 }
 
-TEST_CASE("a store gives the names of its source, found by number and by name") {
+TEST_CASE("a store has the names of its source, found by number and by name") {
     const std::vector<LabelName> names{{-7, "zwei", {}},
                                        {2, std::string(255, 'n'), LabelColor{1, 2, 3}},
                                        {3, "", LabelColor{255, 0, 0}},
@@ -91,7 +91,7 @@ TEST_CASE("names that a store cannot hold are refused before anything is written
     const TemporaryFolder folder;
     const std::int64_t most = (std::int64_t{1} << 62) - 1;
     std::vector<LabelName> many;
-    for (std::size_t i = 0; i <= LabelName::kMostOfStore; ++i) {
+    for (std::size_t i = 0; i <= LabelName::kMaxOfStore; ++i) {
         many.push_back({static_cast<std::int64_t>(i), "a", {}});
     }
     for (const std::vector<LabelName>& names : {std::vector<LabelName>{{2, "a", {}}, {1, "b", {}}},
@@ -109,7 +109,7 @@ TEST_CASE("names that a store cannot hold are refused before anything is written
     }
 }
 
-TEST_CASE("a run goes on with what one of the same names left, and with no other") {
+TEST_CASE("a run is resumed only with the same names") {
     class CancelAt : public Progress {
       public:
         explicit CancelAt(int n) : left_(n) {}
@@ -144,7 +144,7 @@ TEST_CASE("a run goes on with what one of the same names left, and with no other
     CHECK(read_file(folder / "s") == read_file(folder / "other"));
 }
 
-TEST_CASE("a mesh file takes no title that is no text") {
+TEST_CASE("a mesh file refuses a title that is not valid text") {
     const TemporaryFolder folder;
     for (const char* const title : {"\xFF", "a\tb", "\x7F"}) {
         CHECK_THROWS_AS(open_mesh_file(folder / "m.glb", {.title = title}), Error);

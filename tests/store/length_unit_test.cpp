@@ -1,4 +1,4 @@
-// Units of length: their spellings, and conversions against numbers that are written out here.
+// Units of length: their spellings, and conversions compared with numbers written out here.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <set>
@@ -49,7 +49,7 @@ TEST_CASE("a unit is found by its symbol and its name, in both spellings and any
     }
 }
 
-TEST_CASE("what is no unit of length, or could be two, is none") {
+TEST_CASE("unknown and ambiguous texts are no unit of length") {
     for (const char* const word :
          {"",   " ", "pixel", "voxel", "s",       "K",  "degrees_north", "Mm", "M",   "MS",
           "nM", "A", "mm2",   "mm mm", "furlong", "me", "metr",          "ms", "ins", "mms"}) {
@@ -59,7 +59,7 @@ TEST_CASE("what is no unit of length, or could be two, is none") {
 }
 
 TEST_CASE(
-    "conversions are right to rounding, and exact where one unit is a multiple of the other") {
+    "conversions are correct up to rounding, and exact if one unit is a multiple of the other") {
     const std::vector<long double> metres{1e3L,  1.0L,   1e-1L,  1e-2L,   1e-3L,  1e-6L,
                                           1e-9L, 1e-10L, 1e-12L, 0.3048L, 0.0254L};
     REQUIRE(metres.size() == length_units().size());

@@ -1,7 +1,5 @@
-// Temporary space in pieces: what is written is what is mapped, and a piece goes when all of it was
-// released, by whatever threads.
-#include "store/files/pieced_file.h"
-
+// Temporary space in pieces: the map shows what was written, and a piece is removed when all of it
+// was released, by any threads.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstddef>
@@ -12,6 +10,7 @@
 #include <thread>
 #include <vector>
 
+#include "store/files/scratch_file.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest::detail;
@@ -19,7 +18,7 @@ using namespace isonest::detail::test;
 
 namespace {
 
-constexpr std::uint64_t kStep = 4096 * 3 + 1;  // so that ranges lie in two pieces, too
+constexpr std::uint64_t kStep = 4096 * 3 + 1;  // so that some ranges lie in two pieces
 constexpr std::uint64_t kBytes = 5000000;
 constexpr unsigned kThreads = 4;
 
@@ -40,7 +39,7 @@ std::ptrdiff_t open_files() {
                          std::filesystem::directory_iterator());
 }
 
-/// f(offset, bytes) for all ranges of kStep, shared by threads in turn.
+/// Calls f(offset, bytes) for all ranges of kStep, distributed to threads in turn.
 template <class F>
 void in_threads(const F& f) {
     std::vector<std::thread> threads;
@@ -58,7 +57,7 @@ void in_threads(const F& f) {
 
 }  // namespace
 
-TEST_CASE("pieces go when several threads have released all of them, and not before") {
+TEST_CASE("a piece is removed when several threads have released all of it, and not before") {
     const TemporaryFolder folder;
     const std::ptrdiff_t before = open_files();
     PiecedFile file{ScratchFolder(folder.path())};
@@ -81,7 +80,7 @@ TEST_CASE("pieces go when several threads have released all of them, and not bef
     CHECK(open_files() == before);
 }
 
-TEST_CASE("a piece that is released whole takes nothing of its neighbours") {
+TEST_CASE("a piece that is released as a whole does not affect its neighbours") {
     const TemporaryFolder folder;
     PiecedFile file{ScratchFolder(folder.path())};
     file.write_at(0, bytes_at(0, kBytes));

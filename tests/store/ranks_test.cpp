@@ -7,7 +7,7 @@
 
 #include <isonest/error.h>
 
-#include "store/ranks/who_differs.h"
+#include "store/ranks/agreement.h"
 #include "tests/support/thread_ranks.h"
 
 using namespace isonest;
@@ -42,7 +42,7 @@ TEST_CASE("every rank gets what the others send it, in each sender's order") {
     }
 }
 
-TEST_CASE("all ranks have the sums and the largest numbers, and rank 0's text") {
+TEST_CASE("all ranks get the sums and the maximums, and the text of rank 0") {
     for (const int size : {1, 2, 5}) {
         std::atomic<int> right = 0;
         ThreadRanks(size).run([&](Communicator& ranks) {
@@ -82,7 +82,7 @@ TEST_CASE("ranks that wait end when another one fails") {
     CHECK(ended == 3);
 }
 
-TEST_CASE("rank 0 learns which ranks have another text") {
+TEST_CASE("rank 0 learns which ranks have a different text") {
     for (const int odd : {0, 1, 10}) {
         std::string told;
         std::atomic<int> silent = 0;

@@ -1,4 +1,5 @@
-"""Reads stores by their footer alone, without HDF5, following store/FORMAT.md; another process reads the same by h5py.
+"""Reads stores by their footer alone, without HDF5, following store/FORMAT.md; another process reads the same with
+h5py.
 
 Usage: store_footer_test.py ISONEST PLUGIN_FOLDER
 """
@@ -30,7 +31,7 @@ def sum_of(data):
 
 
 class Store:
-    """A store without HDF5. `read(offset, size)` gives bytes of the file, of which there are `size`."""
+    """A store without HDF5. `read(offset, size)` returns bytes of the file, whose size is `size`."""
 
     def __init__(self, read, size):
         self.read = read
@@ -72,7 +73,7 @@ class Store:
         return data.rstrip(b"\0").decode() if kind == 4 else np.frombuffer(data, {1: "<u4", 2: "<u8", 3: "<f8"}[kind])
 
     def lay_out(self):
-        """Of each array: shape, chunk, type, first row (sections 1, 3, 4 and 6)."""
+        """For each array: shape, chunk, type, first row (sections 1, 3, 4 and 6)."""
         self.arrays, row, level = {}, 0, 0
         flat = [n == 1 for n in self.nodes[::-1]]
         centre = sum(b for b, f in zip((1, 2, 4), flat) if not f) - 1

@@ -98,8 +98,8 @@ with tempfile.TemporaryDirectory() as folder:
                                   + p[tuple(2 if i == 1 else i for i in m)]) / 2)
                       for m in np.ndindex(3, 3, 3) if 1 in m)
             assert eta * (1 - 1e-6) <= got[cube] <= eta * (1 + 2**-5) + 1e-7, (cube, eta, got[cube])
-        assert f["levels/1/linf_bar"] == f["levels/1/deviation_bar"]  # one array, linked
-        # The centre's deviation bounds what brute force finds in the cube.
+        assert f["levels/1/linf_bar"] == f["levels/1/deviation_bar"]  # one array, linked twice
+        # The centre's deviation bounds what a brute-force search finds in the cube.
         rng = np.random.default_rng(1)
         for level in (1, 2, 3):
             deviation = f[f"levels/{level}/deviation_bar"][..., -1].astype(np.float64)
@@ -117,7 +117,7 @@ with tempfile.TemporaryDirectory() as folder:
                 assert tuple(ranges[cube]) == (part.min(), part.max()), (level, cube)
             assert f[f"levels/{level}/cube_range_sums"].shape == cells[:1]
         assert top >= 5 and "cube_ranges" not in f["levels/2"]
-        # The chunk table: where each chunk lies, and what it holds.
+        # The chunk table: where each chunk is, and what it contains.
         table = f["chunks"][...]
         raw = open(store, "rb").read()
         rows = 0
@@ -143,7 +143,7 @@ with tempfile.TemporaryDirectory() as folder:
         assert rows == len(table)
     print("h5py: header, values, indicators, chunk table agree with FORMAT.md")
 
-    # The header's digest, and what it covers: whatever is changed there is found.
+    # The header's digest, and what it covers: any change there is detected.
     xxhash = ctypes.CDLL("libxxhash.so.0")
     xxhash.XXH64.restype = ctypes.c_uint64
     xxhash.XXH64.argtypes = [ctypes.c_char_p, ctypes.c_size_t, ctypes.c_uint64]
@@ -160,7 +160,7 @@ with tempfile.TemporaryDirectory() as folder:
         assert (low, high) == (original.min(), original.max())
 
     def forged(change, before_2_3=False):
-        """What check says of a copy with other attributes."""
+        """The result of check for a copy with other attributes."""
         copy = f"{folder}/forged.isonest"
         shutil.copyfile(store, copy)
         with h5py.File(copy, "r+") as f:
@@ -216,7 +216,7 @@ with tempfile.TemporaryDirectory() as folder:
         assert run("info", with_unit)["unit"] == symbol
     print("h5py: the unit of length is the one that was said")
 
-    # The patient's axes, with a checksum of their own; what is not written there is found.
+    # The patient's axes, with a checksum of their own; changes there are detected.
     def frame_of(framed):
         with h5py.File(framed) as f:
             if "frame" not in f.attrs:
@@ -255,14 +255,18 @@ with tempfile.TemporaryDirectory() as folder:
     for change in (say("LIA"), say("RAS", False), lambda f: f.attrs.__delitem__("frame_xxh64"),
                    lambda f: f.attrs.__delitem__("frame")):
         assert "anatomical frame" in refused(change)["error"]["message"]
-    assert refused(say("LIA"), 0, 99)["frame"] is None  # a later version's
-    assert refused(say("LIA"), 0, 9)["frame"] is None  # of 2.9 and before it is any attribute
+    assert refused(say("LIA"), 0, 99)["frame"] is None  # of a later version
+    assert refused(say("LIA"), 0, 9)["frame"] is None  # in 2.9 and before it is an arbitrary attribute
     assert refused(say("RAS"), 0, 99)["frame"] == "RAS"
-    # The bits that are reserved are refused, in this version and in a later one.
-    for bit in range(2, 7):
+    # Reserved bits are refused, in this version and in a later one.
+    for bit in range(3, 7):
         for minor in (10, 99):
             error = refused(lambda f: f.attrs.modify("flags", np.uint32(1 << bit)), 5, minor)["error"]
             assert error["kind"] == "unsupported" and "flags" in error["message"], error
+    # The bit of sheared axes exists since 2.11, and requires directions.
+    refused(lambda f: f.attrs.modify("flags", np.uint32(4)), 5, 10)
+    for minor in (11, 99):
+        assert "sheared" in refused(lambda f: f.attrs.modify("flags", np.uint32(4)), 4, minor)["error"]["message"]
     print("h5py: the patient's axes are those that were said, and reserved bits are refused")
 
     # Names and colours of labels, with a checksum of their own.
@@ -283,7 +287,7 @@ with tempfile.TemporaryDirectory() as folder:
         assert table.attrs["xxh64"] == xxhash.XXH64(rows.tobytes(), rows.nbytes, 0)
 
     def forged_names(change):
-        """What info and check say of a copy with other names."""
+        """The results of info and check for a copy with other names."""
         copy = f"{folder}/forged.isonest"
         shutil.copyfile(named, copy)
         with h5py.File(copy, "r+") as f:
@@ -314,7 +318,7 @@ with tempfile.TemporaryDirectory() as folder:
         return rows
 
     assert forged_names(rows_changed(lambda rows: rows))[1]["label_names"][1] == {"id": 3, "color": [1, 2, 3]}
-    assert forged_names(rows_changed(with_bits))[1]["label_names"][0] == {"id": -2, "name": "b"}  # other bits are left alone
+    assert forged_names(rows_changed(with_bits))[1]["label_names"][0] == {"id": -2, "name": "b"}  # ignores other bits
     wide = np.dtype({"names": ["id", "flags", "color", "name"], "formats": ["<i8", "u1", ("u1", 3), "S256"],
                      "offsets": [0, 8, 9, 12], "itemsize": 268})
     for change in (rows_changed(lambda rows: rows, False), rows_changed(lambda rows: rows[::-1]),
@@ -332,7 +336,7 @@ with tempfile.TemporaryDirectory() as folder:
     assert forged_names(older_version)[1]["label_names"] == []
     print("h5py: names of labels are those of the table, and damaged ones are found")
 
-    # A store of 2.1 has no ranges; it gives the same meshes.
+    # A store of version 2.1 has no ranges; it gives the same meshes.
     older = f"{folder}/older.isonest"
     shutil.copyfile(store, older)
     with h5py.File(older, "r+") as f:
@@ -341,13 +345,13 @@ with tempfile.TemporaryDirectory() as folder:
             del f[f"levels/{level}/cube_ranges"], f[f"levels/{level}/cube_range_sums"]
     assert run("info", older)["format"] == "2.1" and run("info", store)["format"] == "2.10"
     iso = float(np.quantile(original, 0.999))
-    reports = [run("extract", s, "--iso", iso, "--error-relative", 0.05, "-o", f"{s}.ply")
+    reports = [run("extract", s, "--iso", iso, "--error-relative", 0.05, "--effort", "none", "-o", f"{s}.ply")
                for s in (store, older)]
     meshes = [open(f"{s}.ply", "rb").read() for s in (store, older)]
     assert meshes[0] == meshes[1] and reports[0]["triangles"] > 0
     assert reports[0]["visited_tetrahedra"] < reports[1]["visited_tetrahedra"]
 
-    # A field that this version does not have is refused by its name, also by `check` and `info`.
+    # An unknown field is refused by its name, also by `check` and `info`.
     newer = f"{folder}/newer.isonest"
     shutil.copyfile(store, newer)
     with h5py.File(newer, "r+") as f:

@@ -1,10 +1,10 @@
-// Stores: whole or not there, and damage is named.
+// Stores are written completely or not at all, and damage is reported.
 #include <catch2/catch.hpp>
 
 #include <isonest/error.h>
 
 #include "query/check/check.h"
-#include "store/container/indicator_code.h"
+#include "store/container/codec.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -30,7 +30,7 @@ void write_file(const std::filesystem::path& path, const std::string& bytes) {
     std::ofstream(path, std::ios::binary) << bytes;
 }
 
-/// Stops after some calls.
+/// Cancels after some calls.
 class Stopper : public Progress {
   public:
     explicit Stopper(int calls) : left_(calls) {}
@@ -54,7 +54,7 @@ class FailingVolume : public FunctionVolume<float> {
 
 }  // namespace
 
-TEST_CASE("codes are never below and at most 2^-5 above") {
+TEST_CASE("codes are never below the value and at most 2^-5 above it") {
     for (int i = 0; i < 200000; ++i) {
         const auto v = static_cast<float>(std::exp(60 * noise({i, 1, 2}) - 30));
         const float up = decode_indicator(encode_indicator(v));
@@ -78,7 +78,7 @@ TEST_CASE("each plane of the input is read once") {
     }
 }
 
-TEST_CASE("the planes that are cheap to read together are read together") {
+TEST_CASE("planes that are cheap to read together are read together") {
     class Stepped : public FunctionVolume<float> {
       public:
         using FunctionVolume<float>::FunctionVolume;
@@ -101,7 +101,7 @@ TEST_CASE("the planes that are cheap to read together are read together") {
     }
 }
 
-TEST_CASE("an interrupted or failed run leaves nothing, and an old store alone") {
+TEST_CASE("an interrupted or failed run leaves no file, and does not touch an old store") {
     FunctionVolume<float> volume({60, 60, 90}, smooth_f);
     const TemporaryFolder folder;
     write_file(folder / "s", "precious");
@@ -120,7 +120,7 @@ TEST_CASE("an interrupted or failed run leaves nothing, and an old store alone")
     CHECK(folder.names().size() == 1);
 }
 
-TEST_CASE("what is no store, or a damaged one, is named as such") {
+TEST_CASE("a file that is not a store, or a damaged one, is reported as such") {
     FunctionVolume<float> volume({20, 20, 20}, smooth_f);
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
@@ -137,7 +137,7 @@ TEST_CASE("what is no store, or a damaged one, is named as such") {
     }
 }
 
-TEST_CASE("a flipped byte ends in the same surface or in an error, and check finds it") {
+TEST_CASE("a flipped byte gives the same surface or an error, and check finds it") {
     FunctionVolume<float> volume({20, 20, 20}, smooth_f);
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
@@ -167,7 +167,7 @@ TEST_CASE("a flipped byte ends in the same surface or in an error, and check fin
     CHECK(found > 50);
 }
 
-TEST_CASE("too little memory is said, with how much would do") {
+TEST_CASE("too little memory is reported with the minimum that is enough") {
     FunctionVolume<float> volume({200, 200, 200}, [](const Int3&) { return 0.0F; });
     const TemporaryFolder folder;
     PreprocessOptions options = with_chunk(64);
@@ -184,7 +184,7 @@ TEST_CASE("too little memory is said, with how much would do") {
     CHECK(folder.names().empty());
 }
 
-TEST_CASE("little memory copies the input to disk and gives the same store") {
+TEST_CASE("with little memory the input is copied to disk, and the store is the same") {
     FunctionVolume<float> volume({300, 290, 80}, smooth_f);
     const TemporaryFolder folder;
     PreprocessOptions options = with_chunk(32);

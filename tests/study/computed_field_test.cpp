@@ -1,4 +1,4 @@
-// Indicators that the study computes: against the store's, explicit bisection and known shapes.
+// Indicators computed by the study, compared with the store's, explicit bisection and known shapes.
 #include "query/study/computed_field.h"
 
 #include <catch2/catch.hpp>
@@ -10,11 +10,8 @@
 
 #include <isonest/error.h>
 
-#include "query/study/compute_indicator.h"
-#include "query/study/export_computed.h"
 #include "query/study/study.h"
-#include "store/base/vector3.h"
-#include "store/lattice/bisection.h"
+#include "store/base/vectors.h"
 #include "store/lattice/simplex.h"
 #include "tests/support/test_support.h"
 
@@ -33,7 +30,7 @@ ComputedField field_named(const char* name) {
     return *field;
 }
 
-/// Calls f(p, node) for all refinement nodes that elements reach.
+/// Calls f(p, node) for all refinement nodes of elements.
 template <class F>
 void for_refinement_nodes(const Lattice& lattice, const F& f) {
     for (int level = 1; level <= lattice.top(); ++level) {
@@ -74,7 +71,7 @@ PreprocessOptions all_computed_fields() {
 
 }  // namespace
 
-TEST_CASE("computed indicators with the store's powers are those of the store") {
+TEST_CASE("computed indicators with the store's powers agree with those of the store") {
     const std::map<std::string, Indicator> same{
         {"lp:1", Indicator::l1},           {"lp:2", Indicator::l2},
         {"lp:inf", Indicator::linf},       {"grad_lp:1", Indicator::grad_l1},
@@ -106,12 +103,14 @@ TEST_CASE("computed indicators with the store's powers are those of the store") 
     }
 }
 
-TEST_CASE("computed indicators of other powers are sums over the elements of explicit bisection") {
+TEST_CASE(
+    "computed indicators with other powers are sums over the elements of explicit bisection") {
     constexpr double kPower = 3.5;
     const Int3 n{9, 9, 9};
     Loaded l(
         n, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); }, with_chunk(8, true));
-    // Sizes of the elements that refine at a node, and of its hat's gradient to the power.
+    // For the elements refined at a node, the sums of their sizes and of the gradient of its hat
+    // function to the power.
     std::map<std::array<std::int64_t, 3>, std::pair<double, double>> sums;
     const auto simplex_of = [](const Tetrahedron& t) {
         Simplex s;
@@ -164,7 +163,7 @@ TEST_CASE("computed indicators of other powers are sums over the elements of exp
     }
 }
 
-TEST_CASE("gradient and curvature of spheres and circles are known") {
+TEST_CASE("gradient and curvature agree with those of spheres and circles") {
     for (const Int3& n : {Int3{33, 33, 33}, Int3{33, 33, 1}}) {
         const auto radius = [&](const Int3& p) {
             const double x = static_cast<double>(p.x) * kSpacing[0] + 12;
@@ -190,14 +189,14 @@ TEST_CASE("gradient and curvature of spheres and circles are known") {
             CHECK(worst < 0.02);
         }
     }
-    // Without a gradient there is no surface.
+    // Without a gradient the curvature is 0.
     Loaded flat(
         {9, 9, 9}, [](const Int3&) { return 1.0; }, with_chunk(8, true));
     CHECK(compute_indicator(*flat.whole, field_named("curvature"), kSpacing, silent_progress()) ==
           0);
 }
 
-TEST_CASE("names of computed fields are read and written") {
+TEST_CASE("names of computed fields are parsed and printed") {
     for (const char* name : {"lp:1", "lp:2.5_bar", "lp:inf_plus", "grad_lp:7_plus", "grad_lp:inf",
                              "gradient_bar", "curvature", "curvature_plus"}) {
         CHECK(name_of(field_named(name)) == name);
@@ -209,7 +208,7 @@ TEST_CASE("names of computed fields are read and written") {
     }
 }
 
-TEST_CASE("a study of a computed indicator is that of the store's") {
+TEST_CASE("a study of a computed indicator agrees with that of the store's") {
     Loaded l(
         {17, 17, 17}, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); },
         all_computed_fields());
@@ -219,7 +218,7 @@ TEST_CASE("a study of a computed indicator is that of the store's") {
     const Study s = study(*l.store, options, silent_progress());
     REQUIRE(s.rows.size() == 10);
     for (std::size_t i = 0; i < 5; ++i) {
-        // The store's are rounded up, so that a threshold may fall between the two.
+        // The store's are rounded up, so that a threshold may lie between the two.
         CHECK(static_cast<double>(s.rows[i].leaves) ==
               Approx(static_cast<double>(s.rows[i + 5].leaves)).epsilon(0.01));
         CHECK(s.rows[i].norms.l2 == Approx(s.rows[i + 5].norms.l2).epsilon(0.01));
@@ -232,7 +231,7 @@ TEST_CASE("a study of a computed indicator is that of the store's") {
     CHECK_THROWS_AS(study(*l.store, options, silent_progress()), Error);
 }
 
-TEST_CASE("a computed indicator is infinite at and above what is missing") {
+TEST_CASE("a computed indicator is infinite at and above missing values") {
     Loaded l(
         {9, 9, 9},
         [](const Int3& p) {
@@ -247,7 +246,7 @@ TEST_CASE("a computed indicator is infinite at and above what is missing") {
     CHECK(std::isfinite(l.whole->indicator({1, 1, 1})));
 }
 
-TEST_CASE("a computed indicator is exported as it is") {
+TEST_CASE("a computed indicator is exported unchanged") {
     const Int3 n{12, 17, 6};
     Loaded l(
         n, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); }, with_chunk(8, true));

@@ -1,18 +1,18 @@
-// The mean of a power of a linear function, against sums over many points.
-#include "query/study/linear_power.h"
-
+// The mean of a power of a linear function, compared with sums over many points.
 #include <array>
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <random>
 #include <vector>
 
+#include "query/study/true_error.h"
+
 using namespace isonest::detail;
 
 namespace {
 
-/// By the midpoints of small equal simplices of an edge, and by points of a triangle or tetrahedron
-/// from a grid of weights.
+/// Sums over the midpoints of equal subdivisions of an edge, or over points of a triangle or
+/// tetrahedron from a grid of weights.
 double by_points(const std::vector<double>& x, double power) {
     const std::size_t n = x.size() - 1;
     const int steps = n == 1 ? 200000 : n == 2 ? 900 : 160;
@@ -25,8 +25,8 @@ double by_points(const std::vector<double>& x, double power) {
         sum += std::pow(std::fabs(value), power);
         count += 1;
     };
-    // Barycentric grids, shifted to the cells' middles: the cells that the last face cuts are left
-    // to both sides alike.
+    // Barycentric grids, shifted to the centres of cells: cells cut by the last face are omitted
+    // symmetrically.
     const double h = 1.0 / steps;
     for (int i = 0; i < steps; ++i) {
         for (int j = 0; j < (n > 1 ? steps : 1); ++j) {
@@ -45,7 +45,7 @@ double by_points(const std::vector<double>& x, double power) {
 
 }  // namespace
 
-TEST_CASE("the mean of a power of a linear function is what many points say") {
+TEST_CASE("the mean of a power of a linear function agrees with a sum over many points") {
     std::mt19937 chance(3);
     std::uniform_real_distribution<double> any(-1, 1);
     for (std::size_t n = 1; n <= 3; ++n) {
@@ -53,7 +53,7 @@ TEST_CASE("the mean of a power of a linear function is what many points say") {
             for (int i = 0; i < 4; ++i) {
                 std::vector<double> x(n + 1);
                 for (double& v : x) {
-                    // Of both signs; of one; near each other; some equal.
+                    // Of both signs; of one sign; close together; some equal.
                     v = i == 0   ? any(chance)
                         : i == 1 ? 2 + any(chance)
                         : i == 2 ? 5 + 1e-4 * any(chance)
@@ -67,11 +67,11 @@ TEST_CASE("the mean of a power of a linear function is what many points say") {
     }
 }
 
-TEST_CASE("even powers of linear functions have closed forms") {
+TEST_CASE("even powers of linear functions agree with their closed forms") {
     std::mt19937 chance(5);
     std::uniform_real_distribution<double> any(-1, 1);
     for (int i = 0; i < 200; ++i) {
-        // Spreads from 1 down to 1e-9 around 0.7, so that all branches meet.
+        // Spreads from 1 down to 1e-9 around 0.7, to cover all branches.
         const double spread = std::pow(10.0, -i % 10);
         std::array<double, 4> x{};
         for (double& v : x) {
@@ -92,7 +92,7 @@ TEST_CASE("even powers of linear functions have closed forms") {
     }
 }
 
-TEST_CASE("the mean of a power of nothing but zeros is zero") {
+TEST_CASE("the mean of a power of zeros is zero") {
     CHECK(mean_of_power(std::array<double, 3>{0, 0, 0}, 1.5) == 0);
     CHECK(mean_of_power(std::array<double, 2>{0, 1}, 1) == Approx(0.5));
     CHECK(mean_of_power(std::array<double, 2>{-1, 1}, 1) == Approx(0.5));

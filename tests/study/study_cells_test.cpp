@@ -1,4 +1,4 @@
-// The study of hexahedra and quadrilaterals against a list of all cells of the adaptive grid.
+// The study of hexahedra and quadrilaterals compared with a list of all cells of the adaptive grid.
 #include <fmt/format.h>
 
 #include <catch2/catch.hpp>
@@ -15,7 +15,7 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// Smooth but for one corner: cells of all sizes.
+/// Smooth except in one corner: cells of all sizes.
 double graded(const Int3& p) {
     const double far =
         std::hypot(static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z));
@@ -32,7 +32,7 @@ Study study_of(FunctionVolume<double>& volume, const StudyOptions& options, int 
 
 }  // namespace
 
-TEST_CASE("the study of cells counts and measures what a list of all cells gives") {
+TEST_CASE("the study of cells gives the counts and errors of a list of all cells") {
     std::size_t hanging = 0;
     for (const Int3& n : {Int3{9, 12, 6}, Int3{11, 5, 13}, Int3{21, 26, 1}, Int3{1, 17, 30},
                           Int3{33, 1, 7}, Int3{3, 3, 3}}) {
@@ -69,9 +69,9 @@ TEST_CASE("the study of cells counts and measures what a list of all cells gives
                     }
                 }
                 if (largest == 0) {
-                    continue;  // all cells of a finite number are without an error
+                    continue;  // all cells with a finite number have no error
                 }
-                // A little lower, because stored numbers are rounded.
+                // Slightly lower, because stored numbers are rounded.
                 CellGridByList grid(volume, numbers, plus, row.threshold * largest * (1 - 1e-6));
                 const CellGridByList<double>::Measured m = grid.measure();
                 CAPTURE(row.threshold, plus);
@@ -83,7 +83,7 @@ TEST_CASE("the study of cells counts and measures what a list of all cells gives
                 CHECK(row.norms.linf * range == Approx(m.linf).margin(1e-12));
                 CHECK(m.jump <= 1e-12);
                 hanging += m.hanging;
-                if (plus) {  // a bound, in each node
+                if (plus) {  // a bound at each node
                     CHECK(row.norms.linf * range <= row.threshold * largest * (1 + 1e-6));
                 }
             }
@@ -117,7 +117,7 @@ TEST_CASE("the study of cells is the same for any threads, memory and chunks") {
     CHECK(text(2, std::uint64_t{1} << 30U, 16) == one);
 }
 
-TEST_CASE("a study refuses what it cannot say of cells") {
+TEST_CASE("a study refuses what it does not support for cells") {
     FunctionVolume<double> volume({9, 9, 9}, graded);
     FunctionVolume<double> plane({9, 9, 1}, graded);
     const auto refused = [](FunctionVolume<double>& of,

@@ -1,4 +1,4 @@
-// The study of a slice against an explicit recursion and points of the plane.
+// The study of a slice compared with an explicit recursion and points of the plane.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -8,7 +8,7 @@
 #include <isonest/error.h>
 
 #include "query/study/study.h"
-#include "store/lattice/bisection.h"
+#include "store/lattice/simplex.h"
 #include "tests/support/bisection_oracle.h"
 #include "tests/support/test_support.h"
 
@@ -20,7 +20,7 @@ namespace {
 
 constexpr Double3 kSpacing{1, 0.5, 2};
 
-/// The mesh that refines the nodes whose indicator is at least a threshold, element by element.
+/// The mesh that refines the nodes whose indicator is at least a threshold, as explicit elements.
 class ExplicitMesh {
   public:
     ExplicitMesh(const FunctionVolume<double>& volume, const BisectionOracle& oracle,
@@ -31,13 +31,13 @@ class ExplicitMesh {
         std::uint64_t visited = 0;
         std::uint64_t leaves = 0;
     };
-    /// Of the elements of which the plane cuts out an area.
+    /// Counts the elements whose intersection with the plane has an area.
     [[nodiscard]] Counted cut_by(const WorldPlane& plane) const {
         Counted counted;
         for_roots([&](const Tetrahedron& t) { count(t, plane, counted); });
         return counted;
     }
-    /// The linear function of the leaf at a point of the volume, lattice coordinates.
+    /// The linear function of the leaf at a point of the volume, in lattice coordinates.
     [[nodiscard]] double at(const Double3& p) const {
         double value = 0;
         bool found = false;
@@ -148,11 +148,11 @@ class ExplicitMesh {
     Lattice lattice_;
 };
 
-/// Points of the plane inside the volume, equally many for equal areas, lattice coordinates.
+/// Points of the plane inside the volume, uniformly distributed by area, in lattice coordinates.
 std::vector<Double3> points_of(const WorldPlane& plane, const Int3& n) {
     std::vector<Double3> points;
     constexpr int kPerAxis = 120;
-    // Along z if the plane is not parallel to it, else along x.
+    // Solves for z if the plane is not parallel to it, else for x.
     const std::size_t solved = plane.normal[2] != 0 ? 2 : 0;
     const std::size_t u = solved == 2 ? 0 : 1;
     const std::size_t v = solved == 2 ? 1 : 2;
@@ -177,7 +177,7 @@ std::vector<Double3> points_of(const WorldPlane& plane, const Int3& n) {
 
 }  // namespace
 
-TEST_CASE("the study of a slice counts and measures what an explicit recursion does on the plane") {
+TEST_CASE("the study of a slice agrees with an explicit recursion on the plane") {
     for (const Int3& n : {Int3{17, 17, 17}, Int3{12, 17, 6}}) {
         FunctionVolume<double> volume(n, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); });
         volume.spacing_ = kSpacing;
@@ -191,7 +191,7 @@ TEST_CASE("the study of a slice counts and measures what an explicit recursion d
             largest = std::max(largest, entry.second.of(Field::linf_bar));
         }
         const ExplicitMesh finest(volume, oracle, 0);
-        // Through nodes, along the diagonal, anywhere.
+        // Through nodes, along the diagonal, and anywhere else.
         for (const WorldPlane& plane : {WorldPlane{{0, 0, 1}, 6}, WorldPlane{{0, 2, 1}, 8},
                                         WorldPlane{{1, 0.7, 0.3}, 9.137}}) {
             CAPTURE(n.x, n.y, n.z, plane.normal[0], plane.normal[1]);
@@ -206,7 +206,7 @@ TEST_CASE("the study of a slice counts and measures what an explicit recursion d
             REQUIRE(points.size() > 1000);
             for (const StudyRow& row : s.rows) {
                 CAPTURE(row.threshold);
-                // A little lower, because stored numbers are rounded.
+                // Slightly lower, because stored numbers are rounded.
                 const ExplicitMesh mesh(volume, oracle, row.threshold * largest * (1 - 1e-6));
                 const auto counted = mesh.cut_by(plane);
                 CHECK(row.leaves == counted.leaves);
@@ -230,7 +230,7 @@ TEST_CASE("the study of a slice counts and measures what an explicit recursion d
     }
 }
 
-TEST_CASE("the study of a slice has the elements that the slice has") {
+TEST_CASE("the study of a slice counts the elements of the slice") {
     const Int3 n{33, 33, 33};
     FunctionVolume<float> volume(
         n, [](const Int3& p) { return static_cast<float>(smooth(p) + 0.1 * noise(p)); });
@@ -255,7 +255,7 @@ TEST_CASE("the study of a slice has the elements that the slice has") {
     }
 }
 
-TEST_CASE("a study of a slice says what makes no sense") {
+TEST_CASE("a study of a slice refuses invalid queries") {
     const TemporaryFolder folder;
     FunctionVolume<float> volume({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
     make_store(volume, folder / "s", with_chunk(8, true));

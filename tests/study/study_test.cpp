@@ -1,11 +1,11 @@
-// The study's counts and norms against an explicit recursion.
+// The study's counts and norms compared with an explicit recursion.
 #include "query/study/study.h"
 
 #include <catch2/catch.hpp>
 
 #include <isonest/error.h>
 
-#include "store/lattice/bisection.h"
+#include "store/lattice/simplex.h"
 #include "tests/support/bisection_oracle.h"
 #include "tests/support/test_support.h"
 
@@ -21,8 +21,8 @@ struct Counted {
     double linf = 0;
 };
 
-/// Refines as long as the oracle's indicator says so; compares U with each leaf's linear function
-/// at the nodes inside it.
+/// Refines by the oracle's indicator; compares U with each leaf's linear function at the nodes
+/// inside it.
 template <class T>
 class Recursion {
   public:
@@ -50,7 +50,7 @@ class Recursion {
         }
         const Int3 n = volume_.nodes();
         if (t.kind == 0 && max(low + Int3{1, 1, 1}, n - Int3{1, 1, 1}) != n - Int3{1, 1, 1}) {
-            return;  // outside
+            return;  // outside the volume
         }
         ++counted_.visited;
         const Int3 d = high - low;
@@ -104,7 +104,7 @@ class Recursion {
 
 }  // namespace
 
-TEST_CASE("the study counts and measures what an explicit recursion does") {
+TEST_CASE("the study's counts and errors agree with an explicit recursion") {
     for (const Int3& n : {Int3{17, 17, 17}, Int3{12, 17, 6}}) {
         CAPTURE(n.x, n.y, n.z);
         FunctionVolume<double> volume(n, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); });
@@ -123,14 +123,14 @@ TEST_CASE("the study counts and measures what an explicit recursion does") {
         }
         REQUIRE(s.rows.size() == 7);
         for (const StudyRow& row : s.rows) {
-            // A little lower, because stored numbers are rounded.
+            // Slightly lower, because stored numbers are rounded.
             const Counted c = Recursion(volume, oracle, row.threshold * largest * (1 - 1e-6)).run();
             CAPTURE(row.threshold);
             CHECK(row.leaves == c.leaves);
             CHECK(row.visited == c.visited);
             CHECK(row.norms.linf * (store.max_value() - store.min_value()) ==
                   Approx(c.linf).margin(1e-6));
-            // The paper's efficiency counts every visited cell, ours the leaves.
+            // The paper's efficiency is per visited cell, ours per leaf.
             CHECK(row.efficiency_of_visited(row.norms.l2) ==
                   Approx(1 / (static_cast<double>(c.visited) * row.norms.l2)));
             CHECK(row.efficiency(row.norms.l2) ==

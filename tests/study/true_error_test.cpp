@@ -1,4 +1,5 @@
-// The errors of section 3 of the paper, and the distance of graphs, against sums over many points.
+// The errors of section 3 of the paper, and the distance of graphs, compared with sums over many
+// points.
 #include "query/study/true_error.h"
 
 #include <algorithm>
@@ -30,7 +31,7 @@ struct Sample {
     bool complete = true;
 };
 
-/// U and P U at a point by sorting the coordinates in its cell: no list of elements is needed.
+/// U and P U at a point, by sorting the coordinates in its cell: does not need a list of elements.
 Sample sample_at(const WholeLattice& whole, const Double3& p) {
     const Int3 n = whole.lattice().nodes();
     std::vector<std::size_t> axes;
@@ -67,7 +68,7 @@ Sample sample_at(const WholeLattice& whole, const Double3& p) {
     return sample;
 }
 
-/// A point anywhere in each of the small boxes that fill the volume.
+/// A random point in each of the small boxes that fill the volume.
 template <class F>
 void for_points(const Int3& n, int per_cell, const F& f) {
     Int3 count;
@@ -114,7 +115,7 @@ double norm(const Double3& v) {
 
 }  // namespace
 
-TEST_CASE("the errors of value and gradient are what many points say") {
+TEST_CASE("the errors of value and gradient agree with sums over many points") {
     for (const Int3& n :
          {Int3{9, 9, 9}, Int3{7, 12, 5}, Int3{17, 9, 1}, Int3{1, 12, 17}, Int3{1, 33, 1}}) {
         for (const bool holes : {false, true}) {
@@ -155,7 +156,7 @@ TEST_CASE("the errors of value and gradient are what many points say") {
     }
 }
 
-TEST_CASE("the distance from a point to a simplex is the least to its points") {
+TEST_CASE("the distance from a point to a simplex is the minimum over the simplex's points") {
     std::mt19937 chance(11);
     std::uniform_real_distribution<double> any(-1, 1);
     for (std::size_t count = 1; count <= 4; ++count) {
@@ -168,7 +169,7 @@ TEST_CASE("the distance from a point to a simplex is the least to its points") {
                     vertex[a] = any(chance);
                 }
             }
-            // Random weights, then ever closer around the best.
+            // Random weights, then closer and closer to the best.
             double best = std::numeric_limits<double>::infinity();
             std::vector<double> weights(count, 1.0 / static_cast<double>(count));
             for (int k = 0; k < 6000; ++k) {
@@ -200,7 +201,8 @@ TEST_CASE("the distance from a point to a simplex is the least to its points") {
     }
 }
 
-TEST_CASE("the distance of graphs is the largest of all nodes to all points of the other graph") {
+TEST_CASE(
+    "the distance of graphs is the maximum over all nodes of the distance to the other graph") {
     for (const Int3& n : {Int3{5, 6, 4}, Int3{9, 6, 1}, Int3{17, 1, 1}}) {
         for (const double threshold : {0.9, 0.3}) {
             for (const bool holes : {false, true}) {
@@ -256,8 +258,7 @@ TEST_CASE("the distance of graphs is the largest of all nodes to all points of t
     }
 }
 
-TEST_CASE(
-    "a study has the errors of section 3 where they are asked for, and says what makes no sense") {
+TEST_CASE("a study has the errors of section 3 on request, and refuses invalid queries") {
     const Projection p({9, 9, 9}, false, 0.3);
     StudyOptions options;
     options.fields = {Field::linf_bar};

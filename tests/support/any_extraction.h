@@ -1,4 +1,5 @@
-// All products in one form, for tests that go through them: to a file, as the program does it.
+// All kinds of extraction with one interface, for tests that cover all of them: to a file, as in
+// the program.
 #pragma once
 
 #include <filesystem>
@@ -7,7 +8,7 @@
 
 #include <isonest/mesh_file.h>
 
-#include "query/extract/run_extraction.h"
+#include "query/extract/extract.h"
 
 namespace isonest::detail::test {
 
@@ -18,7 +19,7 @@ struct Extraction {
     std::vector<double> contours;       ///< its contour lines
     std::optional<double> error;
     std::optional<double> error_relative;
-    Guarantee guarantee = Guarantee::deviation;
+    ErrorIndicator indicator = ErrorIndicator::deviation;
     std::optional<Field> stop;
     double threshold = 0;
     bool threshold_relative = false;
@@ -44,7 +45,7 @@ struct Extraction {
             return FieldThreshold{*stop, threshold, threshold_relative};
         }
         return ErrorBound{error.value_or(error_relative.value_or(0)), error_relative.has_value(),
-                          guarantee};
+                          indicator};
     }
 };
 
@@ -80,6 +81,7 @@ inline ExtractQuery query_of(const StoreReader& store, const Extraction& e, bool
     }
     SurfaceQuery query = with_attributes(start(SurfaceQuery{}));
     query.iso = e.iso;
+    query.effort = Effort::none;
     query.grid = {e.cells, e.vertices, e.bound, {}};
     query.stages.close = e.close;
     if (e.view) {
@@ -94,7 +96,7 @@ inline ExtractReport extract(const StoreReader& store, const Extraction& e, Mesh
                           {e.memory, e.threads, {}}, progress);
 }
 
-/// Replaces the file. What does not fit into the memory goes beside it.
+/// Replaces the file. Temporary files are written next to it.
 inline ExtractReport extract(const StoreReader& store, const std::filesystem::path& mesh,
                              const Extraction& e, Progress& progress) {
     const auto sink = open_mesh_file(mesh, {.replace = true});

@@ -23,7 +23,7 @@ std::array<double, 3> difference(const std::array<double, 3>& a, const std::arra
 
 std::array<double, 3> unit(const std::array<double, 3>& g) {
     const double n = norm(g);
-    // Rounding errors have no direction.
+    // Gradients as small as rounding errors have no direction.
     return n > 1e-9 ? std::array<double, 3>{g[0] / n, g[1] / n, g[2] / n} : std::array<double, 3>{};
 }
 
@@ -52,7 +52,7 @@ std::array<BisectionOracle::Element, 2> BisectionOracle::bisect(const Element& t
     return {a, b};
 }
 
-/// An element exists if the cube it fills a part of begins inside the volume.
+/// An element exists if the cube that contains it begins inside the volume.
 bool BisectionOracle::exists(const Element& t) const {
     Int3 low = t.v[0];
     for (std::size_t i = 0; i <= d_; ++i) {
@@ -62,7 +62,7 @@ bool BisectionOracle::exists(const Element& t) const {
                        [&](int axis) { return low[axis] < n_[axis] - 1; });
 }
 
-/// Rows of the edges from vertex 0, in world units; flat axes as in the identity.
+/// The edges from vertex 0 as rows, in world units; rows of flat axes are those of the identity.
 std::array<BisectionOracle::Gradient, 3> BisectionOracle::edges(const Element& t) const {
     std::array<Gradient, 3> rows{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
     for (std::size_t i = 0; i < d_; ++i) {
@@ -87,7 +87,7 @@ double BisectionOracle::measure(const Element& t) const {
     return std::fabs(determinant(edges(t))) / kFactorial[d_];
 }
 
-/// By Cramer's rule: the edge rows, one of them replaced.
+/// By Cramer's rule: one of the edge rows is replaced.
 std::array<double, 4> BisectionOracle::barycentric(const Element& t, const Gradient& p) const {
     const auto rows = edges(t);
     const double volume = determinant(rows);
@@ -124,10 +124,11 @@ BisectionOracle::Gradient BisectionOracle::gradient(const Element& t,
     return g;
 }
 
-/// From the face's vertices: the midpoint and those of t that do not end the refinement edge.
+/// From the face's vertices: the midpoint, and the vertices of t that are not on the refinement
+/// edge.
 BisectionOracle::Gradient BisectionOracle::normal_between_children(const Element& t) const {
     const Int3 x = middle(t);
-    std::vector<Gradient> along;  // d - 1 directions in the face, then those of the flat axes
+    std::vector<Gradient> along;  // d - 1 directions in the face, then the flat axes
     for (std::size_t i = 1; i <= d_; ++i) {
         if (i != static_cast<std::size_t>(t.tag)) {
             const Int3 e = t.v[i] - x;
@@ -216,7 +217,7 @@ BisectionOracle::BisectionOracle(const Int3& n, std::function<double(const Int3&
     }
     for (std::size_t g = generations.size(); g-- > 0;) {
         const bool finest = g + d_ >= generations.size();
-        std::map<Key, OracleNode> children;  // the largest bar and plus
+        std::map<Key, OracleNode> children;  // the maximums of bar and plus
         std::map<Key, double> size;
         for (const Element& t : generations[g]) {
             const Int3 x = middle(t);
@@ -301,7 +302,7 @@ BisectionOracle::BisectionOracle(const Int3& n, std::function<double(const Int3&
                 node.bar[i] = std::max(node.eta[i], largest.bar[i]);
                 node.plus[i] = node.eta[i] + largest.plus[i];
             }
-            // At level 1 the sum of deviations starts from eta_infinity.
+            // At level 1 the sum of deviations starts with eta_infinity.
             if (finest) {
                 node.plus[static_cast<std::size_t>(Indicator::deviation)] =
                     node.plus[static_cast<std::size_t>(Indicator::linf)];

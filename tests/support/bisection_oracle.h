@@ -17,7 +17,7 @@
 namespace isonest::detail::test {
 
 struct OracleNode {
-    /// By Indicator; not saturated, and saturated by maximum and by sum.
+    /// Indexed by Indicator; not saturated, and saturated by maximum and by sum.
     std::array<double, kIndicatorCount> eta{};
     std::array<double, kIndicatorCount> bar{};
     std::array<double, kIndicatorCount> plus{};
@@ -31,8 +31,8 @@ struct OracleNode {
 class BisectionOracle {
   public:
     using Key = std::array<std::int64_t, 3>;
-    /// `value` gives U, clamped outside. A non-finite value is missing. Axes with one node are left
-    /// out: the elements are triangles or edges then.
+    /// `value` gives U, clamped outside. A non-finite value is missing. Axes with one node are
+    /// omitted: the elements are then triangles or edges.
     BisectionOracle(const Int3& n, std::function<double(const Int3&)> value,
                     const Double3& spacing = {1, 1, 1});
     [[nodiscard]] const std::map<Key, OracleNode>& nodes() const { return nodes_; }
@@ -47,7 +47,7 @@ class BisectionOracle {
     [[nodiscard]] Int3 middle(const Element& t) const;
     [[nodiscard]] std::array<Element, 2> bisect(const Element& t) const;
     [[nodiscard]] bool exists(const Element& t) const;
-    /// How much of the weight at vertex i a point has; and the size of the element.
+    /// The barycentric coordinates of a point, and the size of the element.
     [[nodiscard]] std::array<double, 4> barycentric(const Element& t, const Gradient& p) const;
     [[nodiscard]] double measure(const Element& t) const;
     [[nodiscard]] Gradient gradient(const Element& t, const std::array<double, 4>& u) const;
@@ -60,7 +60,7 @@ class BisectionOracle {
     Int3 n_;
     std::function<double(const Int3&)> value_;
     Double3 spacing_;
-    std::vector<int> axes_;  ///< those that are not flat
+    std::vector<int> axes_;  ///< axes that are not flat
     std::size_t d_ = 3;
     std::map<Key, OracleNode> nodes_;
 };

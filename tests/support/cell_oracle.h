@@ -14,7 +14,7 @@
 
 namespace isonest::detail::test {
 
-/// Per level from 1 on, the cells' numbers, x fastest.
+/// The indicators of the cells, for each level from 1 on, x fastest.
 struct CellNumbers {
     Int3 cells;
     std::vector<double> bar;
@@ -48,7 +48,7 @@ std::vector<CellNumbers> cell_numbers_by_loops(const FunctionVolume<T>& volume,
                         weight *= flat[axis] != 0 ? 0.5 : high ? t : 1 - t;
                         corner[axis] = flat[axis] != 0 ? 0 : (cell[axis] + (high ? 1 : 0)) * edge;
                     }
-                    // A missing corner counts as well where its weight is 0.
+                    // A missing corner counts even if its weight is 0.
                     linear += weight * volume.at(corner);
                 }
                 Int3 node;
@@ -81,13 +81,13 @@ std::vector<CellNumbers> cell_numbers_by_loops(const FunctionVolume<T>& volume,
     return levels;
 }
 
-/// Refines by the oracle's numbers; finds hanging nodes by looking at all leaves.
+/// Refines by the oracle's numbers; finds hanging nodes by checking all leaves.
 template <class T>
 class CellGridByList {
   public:
     struct Leaf {
         Int3 low;
-        Int3 high;  ///< alike along flat axes
+        Int3 high;  ///< equal to `low` along flat axes
 
         [[nodiscard]] bool holds(const Int3& p) const {
             return max(p, low) == p && min(p, high) == p;
@@ -105,7 +105,7 @@ class CellGridByList {
         double l1 = 0;
         double l2 = 0;
         double linf = 0;
-        double jump = 0;  ///< largest difference of what two cells give at a node
+        double jump = 0;  ///< maximum difference between the values of two cells at a node
         std::size_t hanging = 0;
     };
 
@@ -173,8 +173,8 @@ class CellGridByList {
         }
         return std::numeric_limits<double>::quiet_NaN();
     }
-    /// Each with the number of its leaf's edges, 0 ... 4, that have a node in their middle.
-    /// REQUIRES: a plane z = 0.
+    /// For each leaf, the number of its edges, 0 ... 4, with a node at the midpoint. REQUIRES: a
+    /// plane z = 0.
     [[nodiscard]] std::vector<int> halved_edges() const {
         std::vector<int> counts;
         for (const Leaf& leaf : leaves_) {

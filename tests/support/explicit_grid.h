@@ -1,4 +1,4 @@
-// Implicit grids by explicit bisection, and their matrices assembled.
+// Implicit grids by explicit bisection, and their assembled matrices.
 #pragma once
 
 #include <Eigen/SparseCore>
@@ -8,21 +8,21 @@
 #include <set>
 #include <vector>
 
-#include "query/traverse/element.h"
+#include "query/traverse/adapt_traverse.h"
 #include "store/lattice/lattice.h"
 #include "store/lattice/simplex.h"
 
 namespace isonest::detail::test {
 
-/// The coarsest grid without a hanging node whose elements lie in the volume or outside, and in
-/// which the nodes of a set are refined. Found by splitting until nothing changes.
+/// The coarsest grid without hanging nodes in which no element crosses the volume's border and all
+/// nodes of a set are refined. Found by bisecting until nothing changes.
 template <int D>
 class ExplicitGrid {
   public:
     using Key = std::array<std::int64_t, 3>;
     static Key key(const Int3& p) { return {p.x, p.y, p.z}; }
 
-    /// `wanted`: of a refinement node in the volume and its level.
+    /// `wanted`: whether to refine, for a refinement node in the volume and its level.
     ExplicitGrid(const Lattice& lattice, const std::function<bool(const Int3&, int)>& wanted)
         : lattice_(lattice), wanted_(wanted) {
         std::size_t before = 0;
@@ -77,7 +77,7 @@ class ExplicitGrid {
     }
 
   private:
-    [[nodiscard]] int side(const Element<D>& t) const {  // 0 within, 1 across, 2 outside
+    [[nodiscard]] int side(const Element<D>& t) const {  // 0 inside, 1 across the border, 2 outside
         const auto [low, high] = t.bounds();
         int found = 0;
         for (int a = 0; a < 3; ++a) {
@@ -91,7 +91,7 @@ class ExplicitGrid {
         }
         return found;
     }
-    /// Whether something below it, or itself, is refined.
+    /// Whether it or one of its descendants is refined.
     bool has_refined(const Element<D>& t) {
         if (t.level == 0 || side(t) == 2) {
             return false;

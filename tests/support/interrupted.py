@@ -1,11 +1,12 @@
-"""Ctrl-C in a wait for a server."""
+"""Ctrl-C during a wait for a server."""
 import signal
 import subprocess
 import time
 
 
 def interrupted(server, first_silent, command, **options):
-    """The command, ended by SIGINT when the server has so many requests; its exit code, seconds until then, and standard error."""
+    """Runs the command, with SIGINT after this number of requests; returns its exit code, the seconds until it ended,
+    and standard error."""
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
     until = time.monotonic() + 60
     while server.requests < first_silent and time.monotonic() < until:

@@ -1,4 +1,4 @@
-// Leaves of meshes as sets that can be compared.
+// Sets of leaves that can be compared.
 #pragma once
 
 #include <catch2/catch.hpp>
@@ -6,13 +6,12 @@
 #include <set>
 
 #include "query/traverse/adapt_traverse.h"
-#include "query/traverse/element_tests.h"
-#include "query/view/node_sampler.h"
+#include "query/values/node_sampler.h"
 #include "tests/support/test_support.h"
 
 namespace isonest::detail::test {
 
-/// Stored as it is by definition, so that an explicit bisection finds the same numbers.
+/// Stored exactly as defined, so that an explicit bisection finds the same numbers.
 inline constexpr Field kStop = Field::linf_bar;
 
 /// A leaf by its sorted vertices.
@@ -45,15 +44,15 @@ struct Subject {
 };
 
 inline Tolerance below(double threshold) {
-    return {threshold, {}, {}, {1, 1, 1}, {}};
+    return {threshold, {}, {}, {}, {}};
 }
 
-/// Of one interest test, by AdaptTraverse in one thread.
+/// The leaves for one interest test, by AdaptTraverse in one thread.
 template <int D, class Interest>
 Leaves by_traversal(const Subject& subject, const Interest& interest, double threshold) {
     ChunkCache cache(*subject.store, 1U << 22U);
     NodeSampler numbers(cache);
-    AdaptTraverse<D, NodeSampler, InBox, Interest, StopsBelow> traversal(
+    AdaptTraverse<Element<D>, NodeSampler, InBox, Interest, StopsBelow> traversal(
         numbers, InBox{volume_box(subject.lattice())}, interest,
         StopsBelow{below(threshold), kStop});
     Leaves leaves;

@@ -1,4 +1,4 @@
-"""Meshes in binary PLY: as isonest writes them, and for programs that read them."""
+"""Meshes in binary PLY: reads those of isonest, and writes some for programs that read them."""
 import numpy as np
 
 _KINDS = {"float": "<f4", "double": "<f8"}
@@ -24,7 +24,7 @@ def read_points(path):
 
 
 def write_ply(path, points, faces):
-    """Vertices and triangles alone. points: float32; faces: numbers of vertices."""
+    """Writes vertices and triangles only. points: float32; faces: vertex numbers."""
     rows = np.zeros(len(faces), [("n", "u1"), ("v", "<i4", 3)])
     rows["n"], rows["v"] = 3, faces
     path.write_bytes(f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\nproperty float x\n"

@@ -1,5 +1,6 @@
-"""The program that reads ranges of URLs, driven line by line, and the objects that it reads: for test scripts that are
-called with ISONEST, beside which that program stands. Importing this makes a folder of objects, removed at the end.
+"""Controls the program that reads ranges of URLs, line by line, and makes the objects that it reads: for test scripts
+that are called with ISONEST, next to which that program is. Importing this module makes a folder of objects, which is
+removed at the end.
 """
 import atexit
 import json
@@ -25,7 +26,7 @@ IS_SANITIZED = is_sanitized(PROGRAM)
 
 
 class Client:
-    """The program that reads, in a process of its own."""
+    """The reading program, as a process."""
 
     def __init__(self, **environment):
         self.process = subprocess.Popen([PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
@@ -55,7 +56,7 @@ class Client:
         return answer
 
     def held(self):
-        """Open files and threads."""
+        """Numbers of open files and threads."""
         process = pathlib.Path("/proc", str(self.process.pid))
         return len(list((process / "fd").iterdir())), len(list((process / "task").iterdir()))
 
@@ -65,7 +66,7 @@ class Client:
 
 
 def from_second(fault, times=10**9):
-    """Opening goes well; then so many requests have a fault."""
+    """Opening succeeds; then `times` requests have a fault."""
     return lambda number, path, headers: fault if 2 <= number < 2 + times else None
 
 

@@ -1,5 +1,5 @@
-"""A server of files for tests: ranges, counts, a delay and a rate, HTTPS, signatures and passwords, and faults by a
-script. The standard library alone.
+"""A file server for tests: ranges, counts, a delay and a rate, HTTPS, signatures and passwords, and scripted faults.
+Uses only the standard library.
 
     with RangeServer(folder) as server:
         server.url("a.bin")     # http://127.0.0.1:PORT/a.bin
@@ -29,7 +29,7 @@ PAGE = b"<!DOCTYPE html><html><title>Please log in</title></html>\n"
 
 
 def certificate(folder, host="127.0.0.1"):
-    """A certificate of its own for `host`, and its key: the two files."""
+    """A self-signed certificate for `host`, and its key: the two files."""
     files = folder / "certificate.pem", folder / "key.pem"
     subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", f"/CN={host}",
                     "-addext", f"subjectAltName=IP:{host},DNS:localhost", "-out", files[0], "-keyout", files[1]],
@@ -38,7 +38,7 @@ def certificate(folder, host="127.0.0.1"):
 
 
 class Link:
-    """A line of so many bytes per second that all connections share."""
+    """A link with a number of bytes per second that all connections share."""
 
     def __init__(self, rate):
         self.rate, self.free_at, self.lock = rate, 0, threading.Lock()
@@ -53,7 +53,7 @@ class Link:
 
 
 def signature_fault(method, path, headers, keys, now=None):
-    """Why this request is not signed by one of `keys` ({id: (secret, session or "")}); nothing if it is.
+    """Why this request is not signed by one of `keys` ({id: (secret, session or "")}); empty if it is.
 
     Source: "Authenticating requests (AWS Signature Version 4)", Amazon S3 API reference."""
     match = re.fullmatch(r"AWS4-HMAC-SHA256 Credential=([^/]+)/(\d{8})/([^/]+)/s3/aws4_request, ?"
@@ -105,7 +105,7 @@ class Handler(http.server.BaseHTTPRequestHandler):
         pass
 
     def answer(self, status, headers=(), body=b"", length=None, also=b""):
-        """`length`: what the head says of the body, if it is not the truth."""
+        """`length`: the Content-Length, if it is to be wrong."""
         self.send_response(status)
         for name, value in {**self.server.owner.extra(self.command, self.path), **dict(headers)}.items():
             self.send_header(name, value)
@@ -127,7 +127,7 @@ class Handler(http.server.BaseHTTPRequestHandler):
                 time.sleep(pause)
 
     def reset(self):
-        """The other end sees a broken connection."""
+        """The client sees a broken connection."""
         self.wfile.flush()
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         self.close_connection = True
@@ -252,7 +252,7 @@ class Handler(http.server.BaseHTTPRequestHandler):
             return self.send_chunked(headers, body)
         elif fault == "chunked_length":
             return self.send_chunked({**headers, "Content-Length": str(len(body))}, body)
-        elif fault == "no_chunks":  # twelve bytes look like the first one
+        elif fault == "no_chunks":  # twelve bytes that look like the first chunk
             return self.send_chunked(headers, b"c\r\n" + body[1:], is_raw=True)
         elif fault == "broken":
             self.send_response(206)
@@ -315,11 +315,11 @@ class Server(http.server.ThreadingHTTPServer):
 
 
 class RangeServer:
-    """`delay`: seconds before each answer; `handshakes`: such delays before the first request of a connection.
-    `rate`: bytes per second of all connections together. `fault_of(number, path, headers)`: what goes wrong with
-    the request of this number (Handler.do_request); nothing if all is well. `keys`: of signature_fault().
-    `password`: (user, password). `tls`: what certificate() gives. `extra(method, path)`: headers of whole answers and
-    of parts beside those of the request; `options`: the status for OPTIONS."""
+    """`delay`: seconds before each answer; `handshakes`: the number of such delays before the first request of a
+    connection. `rate`: bytes per second of all connections together. `fault_of(number, path, headers)`: the fault of
+    the request with this number (Handler.do_request), or None. `keys`: see signature_fault(). `password`: (user,
+    password). `tls`: the result of certificate(). `extra(method, path)`: additional headers of whole answers and of
+    parts; `options`: the status for OPTIONS."""
 
     def __init__(self, folder, *, port=0, delay=0, handshakes=0, rate=0, fault_of=None, keys=None, password=None,
                  tls=None, knows_ranges=True, knows_tails=True, validators=None, silence=30, extra=None, options=501):
@@ -370,7 +370,7 @@ class RangeServer:
             self.notes.append(what)
 
     def data_of(self, path):
-        """Its bytes, read once for each state of the file."""
+        """The file's bytes, read once for each state of the file."""
         state = path.stat().st_mtime_ns, path.stat().st_size
         with self.lock:
             if self.kept.get(path, (None,))[0] != state:

@@ -21,7 +21,8 @@ inline float rough(const Int3& p) {
     return static_cast<float>(smooth(p) + 0.1 * noise(p));
 }
 
-/// Runs on so many ranks, each with the source that `open` gives for its number; all reports.
+/// Runs on `ranks` ranks, each with the source that `open` returns for its number; returns all
+/// reports.
 template <class Open>
 std::vector<RanksReport> on_ranks(int ranks, const Open& open, const std::filesystem::path& store,
                                   const PreprocessOptions& options,
@@ -35,7 +36,7 @@ std::vector<RanksReport> on_ranks(int ranks, const Open& open, const std::filesy
     return reports;
 }
 
-/// Counts what is read of it, and fails where it is told to.
+/// Counts what is read, and fails where it is told to.
 class CountedVolume : public FunctionVolume<float> {
   public:
     CountedVolume(const Int3& n, std::atomic<std::uint64_t>& bytes)

@@ -1,6 +1,7 @@
-"""Programs as several ranks of MPI, on one machine."""
+"""Runs programs on several MPI ranks, on one machine."""
 import os
 import pathlib
+import shlex
 import shutil
 import subprocess
 import sys
@@ -13,7 +14,7 @@ def beside(isonest, name):
 
 
 def require(isonest):
-    """Ends the test as skipped where there is no isonest-mpi."""
+    """Skips the test if there is no isonest-mpi."""
     if not beside(isonest, "isonest-mpi").exists() or shutil.which("mpirun") is None:
         print("skipped: isonest-mpi was not built, or there is no mpirun")
         sys.exit(SKIPPED)
@@ -29,20 +30,20 @@ def _environment():
 
 
 def launched(count, program, *arguments, timeout=300, **settings):
-    """The finished process of the launcher; one rank is started without it."""
+    """The finished process of the launcher; a single rank is started without it."""
     return subprocess.run(_command(count, program, arguments), capture_output=True, timeout=timeout,
                           env=_environment(), check=False, **settings)
 
 
 def started(count, program, *arguments):
-    """The launcher's process, which says nothing."""
+    """The launcher's process, with its output discarded."""
     return subprocess.Popen(_command(count, program, arguments), env=_environment(), stdout=subprocess.DEVNULL,
                             stderr=subprocess.DEVNULL)
 
 
 def ended(process, program, timeout=120):
-    """The launcher's exit code. mpirun (Open MPI 4.1, PMIx 4.2) may stand for ever when a rank was killed, in
-    PMIx_server_finalize(), after all ranks have ended: then it is killed, too."""
+    """The launcher's exit code. mpirun (Open MPI 4.1, PMIx 4.2) may hang after a rank was killed, in
+    PMIx_server_finalize(), when all ranks have ended: then it is killed, too."""
     try:
         return process.wait(timeout=timeout)
     except subprocess.TimeoutExpired:
@@ -53,14 +54,16 @@ def ended(process, program, timeout=120):
 
 
 def launched_apart(*commands, timeout=300):
-    """The finished process of the launcher of one rank for each command, a program with its arguments."""
-    parts = [part for command in commands for part in (":", "-n", "1", *map(str, command))]
-    return subprocess.run(["mpirun", "--oversubscribe", *parts[1:]], capture_output=True, timeout=timeout,
-                          env=_environment(), check=False)
+    """The finished process of the launcher, with one rank for each command, a program with its arguments. (mpirun of
+    Open MPI 5.0.7, Debian 13's, crashes if it is given several commands itself.)"""
+    cases = " ".join(f"{rank}) exec {shlex.join(map(str, command))};;" for rank, command in enumerate(commands))
+    return subprocess.run(["mpirun", "--oversubscribe", "-n", str(len(commands)), "sh", "-c",
+                           f'case "$OMPI_COMM_WORLD_RANK" in {cases} esac'],
+                          capture_output=True, timeout=timeout, env=_environment(), check=False)
 
 
 def processes_of(program):
-    """Those that run it, by their numbers."""
+    """The numbers of the processes that run it."""
     found = []
     for entry in pathlib.Path("/proc").iterdir():
         if entry.name.isdigit():

@@ -1,5 +1,4 @@
-// SANITIZED is defined in builds with a sanitizer that takes address space which a limit would
-// forbid.
+// SANITIZED is defined in builds with a sanitizer whose address space would exceed a limit.
 #pragma once
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

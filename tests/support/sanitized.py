@@ -1,4 +1,4 @@
-"""Whether a program is built with a sanitizer, whose memory and time say nothing of the program's own."""
+"""Whether a program is built with a sanitizer, so that its memory and time are not those of the program."""
 import pathlib
 import re
 

@@ -1,6 +1,6 @@
-// Preloaded into the program, runs its main() again and again, each time in a process of its own
-// that is forked when everything is loaded: to load the program takes longer than most of what
-// tests ask of it. served.py is the other end, and says when not to use it.
+// Preloaded into the program, runs its main() again and again, each time in a forked process in
+// which everything is loaded already: loading the program takes longer than most test runs.
+// served.py is the other end, and says when not to use it.
 //
 //   LD_PRELOAD=libisonest_serve.so ISONEST_SERVE=SOCKET isonest
 //
@@ -99,7 +99,7 @@ Request receive(int socket) {
     }
     const int code = program_main(static_cast<int>(count), arguments.data(), environ);
     std::fflush(nullptr);
-    std::quick_exit(code);  // destructors of what was loaded would take longer than the rest
+    std::quick_exit(code);  // destructors of loaded libraries would take longer than the rest
 }
 
 int serve(int /*argc*/, char** /*argv*/, char** /*environment*/) {

@@ -1,10 +1,10 @@
 """Runs the program many times without loading it each time, which takes longer than most runs.
 
-served.run(COMMAND, ...) is subprocess.run(COMMAND, ...) for a program of the build tree and the options below. The
-program is loaded once, waits, and runs each command in a process of its own, forked from it (serve_program.cpp).
-Standard output and error are files, not pipes. Use subprocess for what a new process is needed: signals, limits,
-input through a pipe, what happens while the program is loaded, and environment variables that the loader or a library
-reads before main(). Where the library that serves is not built (sanitizers), this is subprocess.run.
+served.run(COMMAND, ...) is like subprocess.run(COMMAND, ...) for a program of the build tree and the options below. The
+program is loaded once, waits, and runs each command in a process forked from it (serve_program.cpp). Standard output
+and error are files, not pipes. Use subprocess if a new process is needed: for signals, limits, input through a pipe,
+events while the program is loaded, and environment variables that the loader or a library reads before main(). If the
+serving library is not built (sanitizers), this is subprocess.run.
 """
 import array
 import os
@@ -67,7 +67,7 @@ def _served(command, files, cwd, env, timeout):
 
 def run(command, *, cwd=None, env=None, capture_output=False, stdout=None, stderr=None, text=False, errors="strict",
         timeout=None, check=False):
-    """As subprocess.run(); stdout and stderr: as there, but STDOUT."""
+    """Like subprocess.run(); stdout and stderr: as there, except STDOUT."""
     command = [os.fspath(word) for word in command]
     if not _library(command[0]).exists():
         return subprocess.run(command, cwd=cwd, env=env, capture_output=capture_output, stdout=stdout, stderr=stderr,

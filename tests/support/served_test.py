@@ -1,4 +1,4 @@
-"""served.run() gives what subprocess.run() gives: shown with a shell, which says everything that it was given.
+"""served.run() gives the same as subprocess.run(): shown with a shell that prints everything it was given.
 
 Usage: served_test.py ISONEST PLUGIN_FOLDER
 """
@@ -33,7 +33,7 @@ class Served(unittest.TestCase):
         self.shell = str(shutil.copy("/bin/sh", self.here / "bin" / "sh"))
 
     def both(self, *arguments, **options):
-        """What the two give, which has to be the same."""
+        """The results of both, which must be equal."""
         done = [run([self.shell, *arguments], **options) for run in (subprocess.run, served.run)]
         self.assertEqual(vars(done[0]), vars(done[1]))
         return done[1]

@@ -1,5 +1,5 @@
-// What the tests of simplification share: surfaces, samples of them, and their topology counted
-// without the code that is tested.
+// Shared by the tests of simplification: surfaces, samples of them, and their topology, counted
+// independently of the tested code.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "query/simplify/patch.h"
-#include "query/simplify/proof/triangle_tree.h"
+#include "query/simplify/proof/surface_distance.h"
 
 namespace isonest::detail::test {
 
@@ -33,11 +33,11 @@ inline void finish(Patch& patch) {
     patch.tried.assign(patch.triangles.size(), false);
     patch.displacements.assign(patch.triangles.size(), {});
     patch.fine = patch.triangles;
-    patch.servers.resize(patch.fine.size());
-    std::iota(patch.servers.begin(), patch.servers.end(), 0U);
+    patch.witnesses.resize(patch.fine.size());
+    std::iota(patch.witnesses.begin(), patch.witnesses.end(), 0U);
 }
 
-/// n x n nodes, heights of up to `height`.
+/// n x n nodes, with heights up to `height`.
 inline Patch wavy_grid(std::uint32_t n, double height) {
     Patch patch;
     for (std::uint32_t y = 0; y < n; ++y) {
@@ -58,7 +58,7 @@ inline Patch wavy_grid(std::uint32_t n, double height) {
     return patch;
 }
 
-/// A torus around the z axis of n x m quadrilaterals, rough by up to `noise`.
+/// A torus around the z axis of n x m quadrilaterals, with noise up to `noise`.
 inline Patch torus(std::uint32_t n, std::uint32_t m, double large, double small, double noise) {
     Patch patch;
     constexpr double kTurn = 6.283185307179586;
@@ -84,7 +84,7 @@ inline Patch torus(std::uint32_t n, std::uint32_t m, double large, double small,
     return patch;
 }
 
-/// Puts `other` beside what there is.
+/// Appends `other`, moved by `move`.
 inline void append(Patch& patch, const Patch& other, const std::array<float, 3>& move) {
     const auto first = static_cast<std::uint32_t>(patch.positions.size());
     for (const auto& p : other.positions) {
@@ -100,7 +100,7 @@ struct Shape {
     int components = 0;
     int euler = 0;
     int border_loops = 0;
-    int bad_edges = 0;  ///< of more than two triangles, or that two see the same way round
+    int bad_edges = 0;  ///< with more than two triangles, or two of inconsistent orientation
     int repeated = 0;
     bool operator==(const Shape&) const = default;
 };
@@ -149,7 +149,7 @@ Shape shape_of(const std::vector<Corners>& triangles) {
     return shape;
 }
 
-/// The largest distance of a sample of `from` from `to`.
+/// The maximum distance of a sample of `from` from `to`.
 template <class Corners>
 double sampled_distance(const std::vector<std::array<float, 3>>& positions,
                         const std::vector<Corners>& from, const std::vector<Corners>& to,

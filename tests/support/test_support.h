@@ -1,4 +1,4 @@
-// What the tests share: volumes in memory, temporary folders, a mesh checker, and the finest
+// Shared by the tests: volumes in memory, temporary folders, a mesh checker, and the finest
 // function.
 #pragma once
 
@@ -25,7 +25,7 @@
 
 namespace isonest::detail::test {
 
-/// Whether two values have the same bits. Of types without padding.
+/// Whether two values have the same bits. For types without padding.
 template <class T>
 requires std::is_trivially_copyable_v<T>
 bool same_bits(const T& a, const T& b) {
@@ -61,7 +61,7 @@ class TemporaryFolder {
     std::filesystem::path path_;
 };
 
-/// The values of a function at the nodes, and what was asked for. Never mapped.
+/// The values of a function at the nodes; records what was read. Never mapped.
 template <class T>
 class FunctionVolume : public VolumeSource {
   public:
@@ -120,7 +120,7 @@ inline double smooth(const Int3& p) {
 
 struct Mesh {
     std::vector<std::array<float, 3>> vertices;
-    std::vector<std::vector<double>> attributes;  ///< what a vertex has behind its position
+    std::vector<std::vector<double>> attributes;  ///< the numbers of a vertex after its position
     std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
@@ -129,7 +129,7 @@ inline std::string read_file(const std::filesystem::path& path) {
     return {std::istreambuf_iterator<char>(in), {}};
 }
 
-/// Reads exactly what the writer promises: any other byte count is a failure (an empty mesh).
+/// Reads exactly what the writer promises: any other number of bytes fails and gives an empty mesh.
 inline Mesh read_mesh(const std::filesystem::path& path) {
     const std::string text = read_file(path);
     Mesh mesh;
@@ -204,7 +204,7 @@ struct MeshFaults {
     bool operator==(const MeshFaults&) const = default;
 };
 
-/// Independent of how the mesh was made: sorts edges, and walks the fans.
+/// Independent of how the mesh was made: sorts edges, and walks around the fans.
 inline MeshFaults check_mesh(const Mesh& mesh, const Double3& lo, const Double3& hi) {
     MeshFaults faults;
     std::map<std::pair<std::uint32_t, std::uint32_t>, std::pair<int, int>> edges;
@@ -261,7 +261,7 @@ inline MeshFaults check_mesh(const Mesh& mesh, const Double3& lo, const Double3&
     return faults;
 }
 
-/// The finest piecewise linear function: Kuhn tetrahedra of unit cubes mirrored by parity.
+/// The finest piecewise linear function: Kuhn tetrahedra of unit cubes, mirrored by parity.
 template <class T>
 double fine_value(const FunctionVolume<T>& volume, const Double3& p) {
     const Int3 n = volume.nodes();

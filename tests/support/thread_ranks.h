@@ -1,4 +1,4 @@
-// Ranks that are threads of one process, for tests of what ranks do together.
+// Ranks that are threads of one process, for tests of code on several ranks.
 #pragma once
 
 #include <condition_variable>
@@ -18,12 +18,12 @@
 
 namespace isonest::test {
 
-/// What all ranks share.
+/// State shared by all ranks.
 class ThreadRanks {
   public:
     explicit ThreadRanks(int size) : size_(size) {}
 
-    /// Runs `work` on all ranks at once. Throws what the first rank that failed has thrown.
+    /// Runs `work` on all ranks at once. Throws what the first failing rank threw.
     void run(const std::function<void(detail::Communicator&)>& work) {
         std::vector<std::thread> threads;
         for (int r = 0; r < size_; ++r) {
@@ -57,7 +57,7 @@ class ThreadRanks {
             ++exchanges_;
             for (Message message; next(message); message = {}) {
                 if (message.to == number_ || message.to < 0 || message.to >= size() ||
-                    message.bytes.size() > kMostBytes) {
+                    message.bytes.size() > kMaxBytes) {
                     throw std::logic_error("a message that no rank may send");
                 }
                 ++traffic_.messages_sent;
@@ -99,7 +99,7 @@ class ThreadRanks {
     std::mutex mutex_;
     std::condition_variable changed_;
     std::exception_ptr failure_;
-    /// Of a rank in one exchange: who sent what.
+    /// Messages to a rank in one exchange, with their senders.
     std::map<std::pair<int, std::uint64_t>, std::deque<std::pair<int, std::vector<std::byte>>>>
         boxes_;
 };

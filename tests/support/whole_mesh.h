@@ -1,4 +1,4 @@
-// What a mesh without any fault has to be.
+// Properties of every correct mesh.
 #pragma once
 
 #include <catch2/catch.hpp>
@@ -7,7 +7,7 @@
 
 namespace isonest::detail::test {
 
-/// Of the mesh of a surface in the box from `lo` to `hi`.
+/// Checks the mesh of a surface in the box from `lo` to `hi`.
 inline void require_whole(const Mesh& mesh, const Double3& lo, const Double3& hi) {
     const MeshFaults faults = check_mesh(mesh, lo, hi);
     CHECK(faults.unused_vertices == 0);

@@ -3,9 +3,10 @@ import numpy as np
 
 
 def windings(points, faces, shape):
-    """How often a closed mesh goes round each node, by the triangles that lattice lines along x cross beyond it.
+    """The winding number of a closed mesh around each node, by the triangles that lattice lines along x cross beyond
+    it.
 
-    points: in distances of neighbouring nodes from the first one, x, y, z; such that products of their differences
+    points: in units of the node distance relative to the first node, x, y, z; such that products of their differences
     are exact.
     """
     at = points.astype(float)[faces]
@@ -21,17 +22,17 @@ def windings(points, faces, shape):
             for i in range(3):
                 p, q = t[:, i, 1:] - line, t[:, (i + 1) % 3, 1:] - line
                 cross = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
-                # A line through an edge counts as beside it, on the side that the edge itself says.
+                # A line through an edge counts as beside it, on a side that depends on the edge alone.
                 forward = (p[:, 0] < q[:, 0]) | ((p[:, 0] == q[:, 0]) & (p[:, 1] < q[:, 1]))
                 sides.append(cross)
                 signs.append(np.where(cross == 0, np.where(forward, 1, -1), np.sign(cross)).astype(int))
             sides, signs = np.stack(sides, 1), np.stack(signs, 1)
             inside = (np.abs(signs.sum(1)) == 3) & (sides != 0).any(1)
             sides, signs, t, line = sides[inside], signs[inside], t[inside], line[inside]
-            # The side of an edge weighs the corner that is not on it.
+            # The signed area at an edge is the weight of the opposite corner.
             weight = sides / sides.sum(1)[:, None]
             x = weight[:, 1] * t[:, 0, 0] + weight[:, 2] * t[:, 1, 0] + weight[:, 0] * t[:, 2, 0]
-            # Where that is next to a node, on which side of the triangle's plane it lies.
+            # If the crossing is next to a node, the side of the triangle's plane on which the node lies decides.
             normal = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
             node = np.round(x)
             beyond = np.einsum("ij,ij->i", normal, np.column_stack([node, line]) - t[:, 0]) * normal[:, 0] < 0

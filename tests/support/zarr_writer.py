@@ -1,4 +1,4 @@
-"""A writer of Zarr arrays of version 3 for tests, by its specification."""
+"""A writer of Zarr arrays of version 3 for tests, by the specification."""
 import json
 import pathlib
 import struct
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def crc32c(data):
-    """Bit by bit, after RFC 3720."""
+    """Bit by bit, by RFC 3720."""
     crc = 0xFFFFFFFF
     for byte in data:
         crc ^= byte
@@ -22,7 +22,7 @@ PACK = {"gzip": lambda b: numcodecs.GZip(5).encode(b), "zstd": lambda b: numcode
 
 
 class V3:
-    """A writer of arrays of version 3 for tests: chunks, transposed or not, codecs, shards."""
+    """Writes arrays of version 3 for tests: chunks, transposed or not, codecs, shards."""
 
     def __init__(self, folder, data, chunks, codecs=(), order=None, big=False, shards=None, index_at="end",
                  index_checksum=True, fill=0, separator="/", names=None, attributes=None, encoding="default"):
@@ -72,7 +72,7 @@ class V3:
         return whole
 
     def chunk(self, values):
-        """None if all are the fill value."""
+        """None if all values are the fill value."""
         if (values == self.fill).all():
             return None
         values = values.transpose(self.order) if self.order else values

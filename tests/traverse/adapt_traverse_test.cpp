@@ -1,4 +1,4 @@
-// AdaptTraverse against an explicit bisection and against the fast path of volumes.
+// AdaptTraverse compared with an explicit bisection and with the fast path for volumes.
 #include "query/traverse/adapt_traverse.h"
 
 #include <catch2/catch.hpp>
@@ -35,7 +35,7 @@ class ByHand {
             roots_.push_back(v);
         } while (std::next_permutation(axes.begin(), axes.end()));
     }
-    /// All leaves that reach into the volume; with an isovalue those that may hold it.
+    /// All leaves that extend into the volume; with an isovalue only those that may contain it.
     Leaves leaves(std::optional<double> iso) {
         iso_ = iso;
         leaves_.clear();
@@ -119,8 +119,9 @@ Leaves by_fast_path(const Subject& subject, double iso, double threshold, Field 
     return leaves;
 }
 
-/// Those that a surface passes in truth: values on both sides, none missing, inside the volume in
-/// part. What else a traversal visits depends on how early it sees that it is not needed.
+/// The leaves that a surface really crosses: values on both sides, none missing, partly inside the
+/// volume. Which other leaves a traversal visits depends on how early it detects that they are not
+/// needed.
 Leaves crossed(const Leaves& leaves, const FunctionVolume<float>& volume, double iso) {
     Leaves out;
     const Int3 last = volume.nodes() - Int3{1, 1, 1};
@@ -145,7 +146,7 @@ Leaves crossed(const Leaves& leaves, const FunctionVolume<float>& volume, double
     return out;
 }
 
-/// Those without a missing value: whether others are of interest, nobody needs to know.
+/// The leaves without a missing value: for others the interest test may have either result.
 Leaves complete(const Leaves& leaves, const FunctionVolume<float>& volume) {
     Leaves out;
     for (const Key& key : leaves) {
@@ -169,12 +170,12 @@ void require_same_leaves(const Int3& n, const std::function<float(const Int3&)>&
         CHECK(by_traversal<D>(subject, Everything{}, threshold) == by_hand.leaves(std::nullopt));
         for (const double iso : {0.1, 0.7}) {
             CAPTURE(iso);
-            const HoldsIsovalue by_sum{iso, Field::linf_plus, {1, 1, 1}};
+            const HoldsIsovalue by_sum{iso, Field::linf_plus};
             CHECK(complete(by_traversal<D>(subject, by_sum, threshold), subject.volume) ==
                   complete(by_hand.leaves(iso), subject.volume));
             if constexpr (D == 3) {
                 for (const Field bound : {Field::linf_plus, Field::deviation_bar}) {
-                    const HoldsIsovalue interest{iso, bound, {1, 1, 1}};
+                    const HoldsIsovalue interest{iso, bound};
                     const Leaves fast = by_fast_path(subject, iso, threshold, bound);
                     CHECK(crossed(fast, subject.volume, iso) ==
                           crossed(by_traversal<D>(subject, interest, threshold), subject.volume,
@@ -188,7 +189,7 @@ void require_same_leaves(const Int3& n, const std::function<float(const Int3&)>&
 }  // namespace
 
 TEST_CASE(
-    "in volumes of any size the leaves are those of explicit bisection and of the fast path") {
+    "for volumes of any size the leaves are those of explicit bisection and of the fast path") {
     for (const Int3& n : {Int3{2, 2, 2}, Int3{9, 9, 9}, Int3{17, 17, 17}, Int3{12, 17, 6},
                           Int3{3, 2, 21}, Int3{2, 19, 4}}) {
         require_same_leaves<3>(n, hills);
@@ -196,7 +197,7 @@ TEST_CASE(
     }
 }
 
-TEST_CASE("in planes of any size the leaves are those of explicit bisection") {
+TEST_CASE("for planes of any size the leaves are those of explicit bisection") {
     for (const Int3& n :
          {Int3{2, 2, 1}, Int3{33, 33, 1}, Int3{20, 1, 37}, Int3{1, 50, 3}, Int3{2, 300, 1}}) {
         require_same_leaves<2>(n, hills);
@@ -204,7 +205,7 @@ TEST_CASE("in planes of any size the leaves are those of explicit bisection") {
     }
 }
 
-TEST_CASE("on lines of any size the leaves are those of explicit bisection") {
+TEST_CASE("for lines of any size the leaves are those of explicit bisection") {
     for (const Int3& n : {Int3{1, 1, 2}, Int3{65, 1, 1}, Int3{1, 100, 1}}) {
         require_same_leaves<1>(n, hills);
         require_same_leaves<1>(n, with_holes);

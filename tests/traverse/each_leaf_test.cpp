@@ -1,4 +1,4 @@
-// The leaves of a whole domain against the finest grid, and in parallel.
+// The leaves of a whole domain compared with the finest grid, and in parallel.
 #include "query/traverse/each_leaf.h"
 
 #include <atomic>
@@ -14,7 +14,8 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// By the parallel traversal; the leaves with their order are the same for any number of threads.
+/// The leaves by the parallel traversal; they and their order are the same for any number of
+/// threads.
 template <int D>
 Leaves by_each_leaf(const Subject& subject, double threshold) {
     const StopsBelow stop{below(threshold), kStop};
@@ -43,9 +44,9 @@ Leaves by_each_leaf(const Subject& subject, double threshold) {
     return all;
 }
 
-/// Bisects leaves down to the finest grid: every finest element that begins inside the volume comes
-/// out exactly once. And no vertex hangs: the midpoint of a leaf's edge, which is where the first
-/// one would, is no leaf's vertex.
+/// Bisects leaves down to the finest grid: every finest element that begins inside the volume
+/// occurs exactly once. And there are no hanging vertices: the midpoint of a leaf's edge, where the
+/// first one would be, is not a vertex of a leaf.
 template <int D>
 void require_tiling(const Leaves& leaves, const Subject& subject, double threshold) {
     const Int3 n = subject.volume.nodes();
@@ -117,14 +118,14 @@ void require_whole_domain(const Int3& n) {
 
 }  // namespace
 
-TEST_CASE("the leaves of a volume tile it without a gap, an overlap or a hanging node") {
+TEST_CASE("the leaves of a volume tile it without gaps, overlaps or hanging nodes") {
     for (const Int3& n : {Int3{2, 2, 2}, Int3{9, 9, 9}, Int3{17, 17, 17}, Int3{12, 17, 6},
                           Int3{3, 2, 21}, Int3{2, 19, 4}, Int3{35, 20, 40}}) {
         require_whole_domain<3>(n);
     }
 }
 
-TEST_CASE("the leaves of a plane or a line tile it without a gap, an overlap or a hanging node") {
+TEST_CASE("the leaves of a plane or a line tile it without gaps, overlaps or hanging nodes") {
     for (const Int3& n :
          {Int3{2, 2, 1}, Int3{33, 33, 1}, Int3{20, 1, 37}, Int3{1, 50, 3}, Int3{2, 300, 1}}) {
         require_whole_domain<2>(n);
@@ -134,8 +135,8 @@ TEST_CASE("the leaves of a plane or a line tile it without a gap, an overlap or 
     }
 }
 
-TEST_CASE("a domain of many tasks gives each finest element once, in the same order each time") {
-    const Int3 n{70, 67, 80};  // cut twice into cubes on the way from the coarsest
+TEST_CASE("a domain of many tasks gives each finest element once, always in the same order") {
+    const Int3 n{70, 67, 80};  // divided twice into cubes, starting from the coarsest
     const Subject subject(n, hills, 16);
     const Leaves all = by_each_leaf<3>(subject, 0);
     CHECK(all.size() == 6U * 69 * 66 * 79);
@@ -145,7 +146,7 @@ TEST_CASE("a domain of many tasks gives each finest element once, in the same or
     CHECK(some.size() < all.size());
 }
 
-TEST_CASE("only leaves that reach into the box are handed out") {
+TEST_CASE("only leaves that extend into the box are reported") {
     const Subject subject({40, 33, 37}, hills);
     ChunkCache cache(*subject.store, 1U << 22U);
     const ClipBox box{{7.5, 3, 10}, {20, 9.25, 30}};
@@ -182,7 +183,7 @@ TEST_CASE("only leaves that reach into the box are handed out") {
     CHECK(found_cut == cut);
 }
 
-TEST_CASE("progress over the whole domain adds up, and what the sink throws arrives") {
+TEST_CASE("progress over the whole domain adds up, and exceptions of the sink reach the caller") {
     class Sum : public Progress {
       public:
         void begin(std::string_view, std::uint64_t total, std::string_view) override {

@@ -1,11 +1,11 @@
-// Without a tolerance: the finest tetrahedra that the surface crosses, and nothing else.
+// Without a tolerance: exactly the finest tetrahedra that the surface crosses.
 #include <catch2/catch.hpp>
 #include <mutex>
 #include <set>
 
 #include "query/traverse/traversal.h"
-#include "store/container/wrapping/recording_source.h"
-#include "store/lattice/bisection.h"
+#include "store/container/wrapped_sources.h"
+#include "store/lattice/simplex.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -80,7 +80,7 @@ void require_finest(FunctionVolume<T>& volume, double iso, int chunk, std::uint6
     for (const std::uint64_t row : touched) {
         CHECK(watched.decoded().contains(row));
     }
-    // Nothing but a chunk beside which, or in which, there are values on both sides.
+    // Only chunks with values on both sides in or beside them are read.
     for (std::int64_t i = 0; i < array.grid.product(); ++i) {
         const Int3 at = array.grid.unlinear(i);
         double low = std::numeric_limits<double>::infinity();
@@ -116,7 +116,7 @@ TEST_CASE("without a tolerance the leaves are the finest tetrahedra that the sur
     }
 }
 
-TEST_CASE("without a tolerance missing values and both ends of a type are seen") {
+TEST_CASE("without a tolerance missing values and both extremes of a type are handled") {
     constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
     constexpr float kInfinity = std::numeric_limits<float>::infinity();
     FunctionVolume<float> holes({19, 22, 17}, [](const Int3& p) {

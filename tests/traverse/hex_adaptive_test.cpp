@@ -1,11 +1,13 @@
 // Adaptive hexahedral cells: the projected function is continuous and within the error, surfaces
 // and slices have no cracks.
 #include <catch2/catch.hpp>
+#include <set>
 
 #include <isonest/error.h>
 
+#include "query/traverse/adapt_traverse.h"
 #include "query/traverse/hexahedra/hex_projection.h"
-#include "query/view/topology.h"
+#include "query/values/topology.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -20,7 +22,7 @@ float smooth_f(const Int3& p) {
 float rough(const Int3& p) {
     return static_cast<float>(smooth(p) + 0.3 * noise(p));
 }
-/// Smooth but for one corner, where it is noise: cells of all sizes.
+/// Smooth except in one corner, where it is noise: cells of all sizes.
 float graded(const Int3& p) {
     const double far =
         std::hypot(static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z));
@@ -71,7 +73,7 @@ void find_leaves(HexProjection& grid, int level, const Int3& at, std::vector<Hex
     if (level == 0 || !grid.is_refined(level, at)) {
         HexLeaf leaf{level, at, {}};
         for (unsigned c = 0; c < 8; ++c) {
-            leaf.value[c] = grid.value((at + corner_offset(c)) * leaf.edge());
+            leaf.value[c] = grid.projected((at + corner_offset(c)) * leaf.edge());
         }
         leaves.push_back(leaf);
         return;
@@ -83,6 +85,16 @@ void find_leaves(HexProjection& grid, int level, const Int3& at, std::vector<Hex
             find_leaves(grid, level - 1, child, leaves);
         }
     }
+}
+
+std::vector<HexLeaf> all_leaves(HexProjection& grid) {
+    std::vector<HexLeaf> leaves;
+    const int top = grid.lattice().top();
+    const Int3 roots = grid.lattice().elements_at(top);
+    for (std::int64_t i = 0; i < roots.product(); ++i) {
+        find_leaves(grid, top, roots.unlinear(i), leaves);
+    }
+    return leaves;
 }
 
 struct Result {
@@ -143,6 +155,50 @@ const std::vector<Int3> sizes{{33, 33, 33}, {20, 31, 17}, {3, 40, 5}, {41, 6, 13
 
 }  // namespace
 
+TEST_CASE(
+    "AdaptTraverse on cells finds the leaves of an explicit refinement, in space and in planes") {
+    using Leaf = std::array<std::int64_t, 4>;
+    for (const Int3& n : {Int3{33, 33, 33}, Int3{20, 31, 17}, Int3{3, 40, 5}, Int3{2, 2, 2},
+                          Int3{33, 20, 1}, Int3{2, 50, 1}}) {
+        FunctionVolume<float> volume(n, graded);
+        const TemporaryFolder folder;
+        make_store(volume, folder / "s", with_cells(8));
+        const StoreReader store(folder / "s");
+        ChunkCache cache(store, 1U << 24U);
+        for (const double error : {0.0, 0.02, 0.4, 1e9}) {
+            CAPTURE(n.x, n.y, n.z, error);
+            HexProjection grid(cache, Field::hex_deviation, error);
+            const Lattice& lattice = grid.lattice();
+            std::set<Leaf> by_hand;
+            const auto refine = [&](const auto& self, int level, const Int3& at) -> void {
+                if (level == 0 || !grid.is_refined(level, at)) {
+                    by_hand.insert({level, at.x, at.y, at.z});
+                    return;
+                }
+                const Int3 end = min(at * 2 + Int3{2, 2, 2}, lattice.elements_at(level - 1));
+                const Int3 children = end - at * 2;
+                for (std::int64_t i = 0; i < children.product(); ++i) {
+                    self(self, level - 1, at * 2 + children.unlinear(i));
+                }
+            };
+            refine(refine, lattice.top(), {0, 0, 0});
+            std::set<Leaf> found;
+            AdaptTraverse<Cell, HexProjection, InBox, Everything, StopsBelow> traversal(
+                grid, InBox{volume_box(lattice)}, Everything{},
+                StopsBelow{{error, {}, {}, {}, {}}, Field::hex_deviation});
+            auto collect = [&](const Cell& cell, double number, Overlap /*where*/) {
+                found.insert({cell.level, cell.at.x, cell.at.y, cell.at.z});
+                CHECK((cell.level == 0 || number < error));
+            };
+            for (const Cell& root : traversal.roots(lattice)) {
+                traversal.subtree(root, collect);
+            }
+            CHECK(found == by_hand);
+            CHECK(traversal.counts().leaves == by_hand.size());
+        }
+    }
+}
+
 TEST_CASE("the projection is the same on both sides of every face between cells of two levels") {
     for (const Int3& n : sizes) {
         for (const auto function : {smooth_f, rough, graded}) {
@@ -154,12 +210,7 @@ TEST_CASE("the projection is the same on both sides of every face between cells 
             for (const double error : {0.02, 0.1, 0.4, 1.5}) {
                 CAPTURE(n.x, n.y, n.z, error);
                 HexProjection grid(cache, Field::hex_deviation, error);
-                std::vector<HexLeaf> leaves;
-                const int top = grid.lattice().top();
-                const Int3 roots = grid.lattice().elements_at(top);
-                for (std::int64_t i = 0; i < roots.product(); ++i) {
-                    find_leaves(grid, top, roots.unlinear(i), leaves);
-                }
+                const std::vector<HexLeaf> leaves = all_leaves(grid);
                 double jump = 0;
                 int levels_apart = 0;
                 std::size_t faces = 0;
@@ -197,7 +248,7 @@ TEST_CASE("the projection is the same on both sides of every face between cells 
     }
 }
 
-TEST_CASE("the projection is within the error of the data in every node") {
+TEST_CASE("the projection is within the error of the data at every node") {
     for (const Int3& n : sizes) {
         for (const auto function : {smooth_f, rough, graded}) {
             FunctionVolume<float> volume(n, function);
@@ -208,12 +259,7 @@ TEST_CASE("the projection is within the error of the data in every node") {
             for (const double error : {0.02, 0.1, 0.4, 1.5}) {
                 CAPTURE(n.x, n.y, n.z, error);
                 HexProjection grid(cache, Field::hex_deviation, error);
-                std::vector<HexLeaf> leaves;
-                const int top = grid.lattice().top();
-                const Int3 roots = grid.lattice().elements_at(top);
-                for (std::int64_t i = 0; i < roots.product(); ++i) {
-                    find_leaves(grid, top, roots.unlinear(i), leaves);
-                }
+                const std::vector<HexLeaf> leaves = all_leaves(grid);
                 double most = 0;
                 std::int64_t covered = 0;
                 for (const HexLeaf& leaf : leaves) {
@@ -254,11 +300,12 @@ TEST_CASE("adaptive hexahedral surfaces have no cracks, and their vertices are w
                             cut =
                                 cut || v[axis] == static_cast<float>(n[static_cast<int>(axis)] - 1);
                         }
-                        // At the border a coarse triangle's side is cut, not the function.
+                        // At the border the side of a coarse triangle is clipped, but not the
+                        // function.
                         most = cut ? most
                                    : std::max(most, std::fabs(trilinear_value(volume, v) - iso));
                     }
-                    // Vertices lie on edges of cells, polygons' centres elsewhere.
+                    // Vertices are on edges of cells, centres of polygons elsewhere.
                     CHECK(most < 2 * error + 1e-4);
                 }
             }
@@ -266,8 +313,8 @@ TEST_CASE("adaptive hexahedral surfaces have no cracks, and their vertices are w
     }
 }
 
-TEST_CASE("the error reported of adaptive hexahedra is also that of larger cells beside them") {
-    // All cells with a surface are finest ones, but in some corners a larger cell's values hold.
+TEST_CASE("the reported error of adaptive hexahedra includes that of adjacent larger cells") {
+    // All cells with a surface are finest ones, but some corners have the values of a larger cell.
     constexpr Int3 kSize{3, 11, 4};
     constexpr std::array<int, 132> kHundredths{
         -261, -260, -263, -255, -256, -254, -272, -278, -268, -306, -322, -293, -322, -357, -305,
@@ -381,13 +428,14 @@ TEST_CASE("adaptive hexahedral surfaces have the same bytes for any chunks, thre
     CHECK(bytes == by(8, 1, 40U << 20U));
 }
 
-TEST_CASE("a store without the fields of cells says what makes them") {
+TEST_CASE("for a store without the fields of cells the message says how to make them") {
     const TemporaryFolder folder;
     FunctionVolume<float> volume({9, 9, 9}, smooth_f);
     make_store(volume, folder / "s");
     const StoreReader store(folder / "s");
     SurfaceQuery query;
     query.grid.cells = Cells::hexahedra;
+    query.effort = Effort::none;
     query.stop = ErrorBound{0.1};
     REQUIRE_THROWS_WITH(extract_query(store, query, false),
                         Catch::Matchers::Contains("hex_deviation"));

@@ -1,4 +1,4 @@
-// The interest test by the values and bounds of the level below, against a walk over all
+// The interest test by the values and bounds of the level below, compared with a walk over all
 // tetrahedra.
 #include "query/traverse/interest.h"
 
@@ -9,12 +9,12 @@
 #include <random>
 #include <vector>
 
-#include "query/traverse/bricks/cube_nodes.h"
+#include "query/traverse/bricks/brick_tests.h"
 
 namespace isonest::detail {
 namespace {
 
-/// The subcubes' tetrahedra below a face's: (subcube, tetrahedron) pairs.
+/// The subcubes' tetrahedra below those of a face: (subcube, tetrahedron) pairs.
 std::vector<std::pair<std::size_t, const TopologyTetrahedron*>> below_face(
     const TopologyTetrahedron& face) {
     std::vector<std::pair<std::size_t, const TopologyTetrahedron*>> out;
@@ -28,7 +28,8 @@ std::vector<std::pair<std::size_t, const TopologyTetrahedron*>> below_face(
     return out;
 }
 
-TEST_CASE("a face's tetrahedron is dropped only if no tetrahedron below it can hold the surface") {
+TEST_CASE(
+    "a face's tetrahedron is dropped only if no tetrahedron below it can contain the surface") {
     std::mt19937 random(3);
     std::uniform_int_distribution<int> digit(0, 9);
     constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
@@ -74,7 +75,7 @@ TEST_CASE("a face's tetrahedron is dropped only if no tetrahedron below it can h
     CHECK(dropped > 1000);
 }
 
-TEST_CASE("of a cube's tetrahedra one may cross exactly if all of them together may") {
+TEST_CASE("one of a cube's tetrahedra may cross exactly if all of them together may") {
     std::mt19937 random(6);
     std::uniform_int_distribution<int> digit(0, 9);
     std::array<int, 2> found{};
@@ -126,7 +127,7 @@ TEST_CASE("with bounds of 0 the interest test is exact") {
     }
 }
 
-TEST_CASE("without bounds the sides are those with bounds of 0, also of missing values") {
+TEST_CASE("without bounds the sides are the same as with bounds of 0, also for missing values") {
     std::mt19937 random(5);
     std::uniform_int_distribution<int> digit(0, 9);
     constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -150,7 +151,8 @@ TEST_CASE("without bounds the sides are those with bounds of 0, also of missing 
     }
 }
 
-TEST_CASE("a tetrahedron's nodes are its vertices and, above the last kind, the node it refines") {
+TEST_CASE(
+    "a tetrahedron's nodes are its vertices and, except for the last kind, its refinement node") {
     const auto bit = [](int p) { return std::uint32_t{1} << static_cast<unsigned>(p); };
     for (const TopologyTetrahedron& edge : topology().edge) {
         std::uint32_t nodes = bit(edge.ref_node);

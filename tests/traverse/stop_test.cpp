@@ -1,5 +1,5 @@
-// Any field stops or bounds, tolerances depend on the place, backfaces are left out: and the mesh
-// is what it should be each time.
+// Any field as stop test or bound, tolerances that depend on the place, backface culling: the mesh
+// is correct in every case.
 #include <catch2/catch.hpp>
 #include <set>
 
@@ -11,7 +11,7 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// A store of all fields, extracted from in many ways.
+/// A store of all fields, used for many extractions.
 template <class T>
 struct Subject {
     explicit Subject(FunctionVolume<T>& v) : volume(v) {
@@ -42,7 +42,7 @@ struct Subject {
     std::optional<StoreReader> store;
 };
 
-/// A ball's distance with some noise: a surface that no indicator finds flat.
+/// The distance from a ball's surface with some noise: a surface that no indicator finds flat.
 double bumpy(const Int3& p) {
     return 11 -
            std::hypot(static_cast<double>(p.x) - 15.3, static_cast<double>(p.y) - 16.1,
@@ -71,7 +71,9 @@ std::multiset<Corners> triangles_of(const Mesh& mesh) {
 
 }  // namespace
 
-TEST_CASE("every field as stop test gives a whole mesh, and larger thresholds smaller ones") {
+TEST_CASE(
+    "every field as stop test gives a mesh without cracks, and larger thresholds give smaller "
+    "meshes") {
     FunctionVolume<double> volume({31, 33, 30}, bumpy);
     volume.spacing_ = {1, 1.2, 0.9};
     Subject subject(volume);
@@ -94,7 +96,7 @@ TEST_CASE("every field as stop test gives a whole mesh, and larger thresholds sm
     }
 }
 
-TEST_CASE("every bound finds the same surface") {
+TEST_CASE("every bound gives the same surface") {
     FunctionVolume<double> volume({31, 33, 30}, bumpy);
     volume.spacing_ = {1, 1.2, 0.9};
     Subject subject(volume);
@@ -117,7 +119,7 @@ TEST_CASE("every bound finds the same surface") {
     }
 }
 
-TEST_CASE("only backfaces are culled, by either bound, and some whole subtrees with them") {
+TEST_CASE("only backfaces are culled, by either bound, including some whole subtrees") {
     FunctionVolume<double> volume({31, 33, 30}, bumpy);
     volume.spacing_ = {1, 1.2, 0.9};
     Subject subject(volume);
@@ -126,8 +128,8 @@ TEST_CASE("only backfaces are culled, by either bound, and some whole subtrees w
         options.iso = 0.1;
         options.error = error;
         const auto [full, uncut] = subject.extracted(options);
-        // Without a tolerance no subtree is descended into: the finest tetrahedra are asked, and
-        // before them those of cubes of 8^3 cells.
+        // Without a tolerance subtrees are not traversed: the finest tetrahedra are tested, and
+        // before them the cubes of 8^3 cells.
         const bool finest = error == 0;
         std::uint64_t saved = 0;
         for (int i = 0; i < 12; ++i) {
@@ -156,7 +158,7 @@ TEST_CASE("only backfaces are culled, by either bound, and some whole subtrees w
                         (std::hypot(n[0], n[1], n[2]) * std::hypot(view[0], view[1], view[2]));
                     const bool is_kept = kept.contains(
                         Corners{full.vertices[t[0]], full.vertices[t[1]], full.vertices[t[2]]});
-                    // Slivers' normals are not known from float32 coordinates.
+                    // The normals of slivers are not known from float32 coordinates.
                     lost_front += along < -1e-3 && !is_kept ? 1 : 0;
                     kept_back += along > 1e-3 && is_kept ? 1 : 0;
                 }
@@ -169,9 +171,9 @@ TEST_CASE("only backfaces are culled, by either bound, and some whole subtrees w
     }
 }
 
-TEST_CASE("bricks that face away as a whole are not read, and the mesh is the same") {
-    // A large ball: in a chunk of 8^3 nodes its surface has nearly one direction. In a chunk of
-    // 128^3 it has all of them, so that nothing is left out before the finest tetrahedra.
+TEST_CASE("bricks with only backfaces are not read, and the mesh is the same") {
+    // A large ball: in a chunk of 8^3 nodes its surface has almost one direction. In a chunk of
+    // 128^3 it has all directions, so that nothing is culled before the finest tetrahedra.
     FunctionVolume<float> volume({97, 97, 97}, [](const Int3& p) {
         const double x = static_cast<double>(p.x) - 48;
         const double y = static_cast<double>(p.y) - 48;
@@ -205,7 +207,7 @@ TEST_CASE("bricks that face away as a whole are not read, and the mesh is the sa
     }
 }
 
-TEST_CASE("near the focus the error holds, far away the mesh is coarser, and it is whole") {
+TEST_CASE("near the focus the error holds, far away the mesh is coarser, without cracks") {
     FunctionVolume<double> volume({33, 33, 33}, bumpy);
     Subject subject(volume);
     Extraction options;
@@ -234,7 +236,7 @@ TEST_CASE("near the focus the error holds, far away the mesh is coarser, and it 
     CHECK(inside > 0);
 }
 
-TEST_CASE("what a camera sees small is not refined, and the mesh is whole") {
+TEST_CASE("what appears small to a camera is not refined, and the mesh has no cracks") {
     FunctionVolume<double> volume({33, 33, 33}, bumpy);
     Subject subject(volume);
     Extraction options;
@@ -256,7 +258,8 @@ TEST_CASE("what a camera sees small is not refined, and the mesh is whole") {
     CHECK(sides[0].first / sides[0].second < sides[1].first / sides[1].second);
 }
 
-TEST_CASE("vertex normals point away from larger values, values and errors are the stores'") {
+TEST_CASE(
+    "vertex normals point away from larger values, values and errors are those of the stores") {
     FunctionVolume<double> volume({33, 33, 33}, [](const Int3& p) {
         return 12 - std::hypot(static_cast<double>(p.x) - 16, static_cast<double>(p.y) - 16,
                                static_cast<double>(p.z) - 16);

@@ -26,7 +26,7 @@ export async function readPly(path) {
 const kFieldOfView = 30; // degrees; the page's
 const kMargin = 0.05; // of the picture, on each side
 
-/** The page's camera for what `isonest picture --view` shows: tools/drawing/picture_camera.cpp, gl_canvas.cpp. */
+/** The page's camera for what `isonest picture --view` shows: tools/drawing/picture_frame.cpp, gl_canvas.cpp. */
 export function pictureView(mesh, view, [width, height]) {
   const towardEye = unit(view);
   const right = unit(cross([0, 0, 1], towardEye));

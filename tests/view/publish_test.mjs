@@ -12,7 +12,7 @@ import { kShared, serveFiles } from "./static_server.mjs";
 import { wander } from "./wander.mjs";
 
 const [, , program] = process.argv;
-const reason = lacks() ?? (/only checks\s+servers/.test(await run(program, "publish", "--help")) ? "the program was built without emscripten" : null);
+const reason = lacks() ?? (/only\s+checks\s+servers/.test(await run(program, "publish", "--help")) ? "the program was built without emscripten" : null);
 if (reason) {
   console.log(`skipped: ${reason}`);
   process.exit(77);

@@ -7,17 +7,17 @@
 
 #include <isonest/error.h>
 
-#include "tools/view/access.h"
-#include "tools/view/error_choice.h"
-#include "tools/view/request_target.h"
-#include "tools/view/streams.h"
+#include "tools/view/http_server.h"
+#include "tools/view/mesh_answers.h"
+#include "tools/view/mesh_request.h"
+#include "tools/view/view_service.h"
 #include "tools/view/work_lane.h"
 
 using namespace isonest::detail::view;
 
 namespace {
 
-/// What a search finds if errors give these numbers of triangles, none of which takes time.
+/// The result of a search if errors give these numbers of triangles, and no try takes time.
 struct Found {
     std::optional<double> best;
     std::uint64_t triangles = 0;
@@ -40,7 +40,7 @@ Found search(ErrorChoice& choice, std::uint64_t most, const Triangles& triangles
 
 }  // namespace
 
-TEST_CASE("a search ends with the best error that it tried, whatever the data are like") {
+TEST_CASE("a search ends with the best error that it tried, for any data") {
     const double range = GENERATE(0.0, 1e-30, 1.0, 255.0, 1e30);
     for (const double power : {0.3, 1.0, 2.0, 6.0}) {
         const auto triangles = [&](double error) {
@@ -64,7 +64,7 @@ TEST_CASE("a search ends with the best error that it tried, whatever the data ar
     }
 }
 
-TEST_CASE("a slider that moves on needs one or two tries") {
+TEST_CASE("a slider that is moved further needs one or two tries") {
     ErrorChoice choice(100);
     const auto triangles = [](double scale) {
         return [scale](double error) {
@@ -77,14 +77,14 @@ TEST_CASE("a slider that moves on needs one or two tries") {
     }
 }
 
-TEST_CASE("a search without a mesh says so, and one of empty meshes ends") {
+TEST_CASE("a search without a mesh reports that, and one with only empty meshes ends") {
     ErrorChoice choice(1);
     CHECK(!search(choice, 100, [](double) { return std::uint64_t{101}; }).best);
     const Found empty = search(choice, 100, [](double) { return std::uint64_t{0}; });
     CHECK(empty.best == 0.0);
 }
 
-TEST_CASE("a request's parameters are taken once, and those that are left are named") {
+TEST_CASE("a request's parameters can be taken once, and the remaining ones are named") {
     RequestTarget target("/api/surface?iso=1.5&box=1,2,3&name=a%20b+c&n=7&empty=&flag");
     CHECK(target.path() == "/api/surface");
     CHECK(target.number("iso", 0, 2) == 1.5);
@@ -106,7 +106,7 @@ TEST_CASE("a request's parameters are taken once, and those that are left are na
     }
 }
 
-TEST_CASE("targets of random bytes are read or refused") {
+TEST_CASE("request targets of random bytes are parsed or refused") {
     std::mt19937 random(7);
     int read = 0;
     for (int i = 0; i < 20000; ++i) {
@@ -127,7 +127,7 @@ TEST_CASE("targets of random bytes are read or refused") {
     CHECK(read > 1000);
 }
 
-TEST_CASE("only the server's own pages are let in") {
+TEST_CASE("only the server's own pages are accepted") {
     const Access own{"127.0.0.1", 80, "", false};
     const auto refused = [](const Access& access, const HttpRequest& request, bool is_page = false,
                             const std::string& token = "") {
@@ -151,7 +151,7 @@ TEST_CASE("only the server's own pages are let in") {
     CHECK(new_token() != new_token());
 }
 
-TEST_CASE("each piece of work of a lane is called once, cancelled or not, to the end") {
+TEST_CASE("each job of a lane is called exactly once, cancelled or not, even when the lane ends") {
     std::atomic<int> called = 0;
     std::atomic<int> cancelled = 0;
     int taken = 0;
@@ -187,7 +187,7 @@ TEST_CASE("each piece of work of a lane is called once, cancelled or not, to the
     CHECK(cancelled >= 1);
 }
 
-TEST_CASE("what a stream asks for replaces what it asked for before, and nothing else") {
+TEST_CASE("a stream's new request replaces its previous one, and nothing else") {
     Streams streams;
     const auto a = std::make_shared<Job>();
     const auto b = std::make_shared<Job>();

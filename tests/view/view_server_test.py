@@ -1,7 +1,7 @@
-"""The server of isonest view from outside, over its socket: what it answers is compared with what the program's
-other commands make, and what strangers may do to it is bounded.
+"""The server of isonest view from outside, over its socket: its answers are compared with the results of the program's
+other commands, and what strangers can do to it is bounded.
 
-Meshes are decoded as tools/view/PROTOCOL.md says, by meshoptimizer's own library.
+Meshes are decoded following tools/view/PROTOCOL.md, by meshoptimizer's own library.
 Usage: view_server_test.py ISONEST PLUGIN_FOLDER
 """
 import concurrent.futures
@@ -139,7 +139,7 @@ def decoded(message):
 
 
 def corners(points, faces):
-    """Of each triangle its corners, from whichever it begins with: (triangles, 3, 3), begun with the smallest."""
+    """The corners of each triangle, starting at the smallest: (triangles, 3, 3)."""
     t = points[faces]
     first = numpy.array([min(range(3), key=lambda k: tuple(c[k])) for c in t])
     rows = numpy.arange(len(t))
@@ -172,7 +172,7 @@ class Answers(unittest.TestCase):
         distances = numpy.linalg.norm(points - mesh["points"], axis=1)
         self.assertLessEqual(distances.max(), mesh["position_rounding"] * 1.0001 + 1e-9)
         self.assertTrue((numpy.sort(faces, axis=1) == numpy.sort(mesh["faces"].astype(int), axis=1)).all())
-        # Whichever corner comes first, the sense of rotation is kept.
+        # The first corner may differ, but the orientation is preserved.
         turns = (faces[:, :1] == mesh["faces"]).argmax(axis=1)
         rows = numpy.arange(len(faces))
         for k in range(3):
@@ -193,7 +193,7 @@ class Answers(unittest.TestCase):
 
     def test_normals_are_those_of_extract(self):
         mesh = self.view.mesh("/api/surface", iso=0.5, error=0.05)
-        isonest("extract", "s.isonest", "--iso", 0.5, "--error", 0.05, "--normals", "-o", "n.ply")
+        isonest("extract", "s.isonest", "--iso", 0.5, "--error", 0.05, "--effort", "none", "--normals", "-o", "n.ply")
         vertices, _ = read_ply(HERE / "n.ply")
         normals = numpy.stack([vertices["n" + k] for k in "xyz"], axis=1)
         self.assertLessEqual(numpy.abs(normals - mesh["normals"]).max(), 0.5 / 127 + 1e-6)
@@ -229,7 +229,7 @@ class Answers(unittest.TestCase):
         self.assertEqual(mesh["tolerance"], 0.5)
         self.assertIsNone(mesh["error_bound"])
         self.assertLess(mesh["triangles"], full["triangles"] / 4)
-        # Vertices of the fast effort's mesh are vertices of the full surface.
+        # Vertices of a mesh with effort fast are vertices of the full surface.
         mesh = self.view.mesh("/api/surface", iso=0.5, distance=0.5, effort="fast")
         for point in mesh["points"][::7]:
             self.assertLessEqual(numpy.linalg.norm(full["points"] - point, axis=1).min(),
@@ -253,7 +253,7 @@ class Answers(unittest.TestCase):
         self.assertFalse(mesh["full_resolution"])
 
     def test_the_value_at_a_place_is_linear_in_the_finest_tetrahedra(self):
-        # Independent: a slice at full resolution holds the same function, triangle by triangle.
+        # An independent computation: a slice at full resolution has the same function, triangle by triangle.
         mesh = self.view.mesh("/api/slice", plane="0,0,1,11.3", error=0)
         rng = random.Random(5)
         for face in rng.sample(list(mesh["faces"]), 60):
@@ -274,7 +274,7 @@ class Answers(unittest.TestCase):
             status, headers, body = self.view.ask("/api/export", iso=0.5, error=0.05, format=ending)
             self.assertEqual(status, 200)
             self.assertEqual(headers["Content-Disposition"], f'attachment; filename="surface.{ending}"')
-            isonest("extract", "s.isonest", "--iso", 0.5, "--error", 0.05, "--normals", "-o", f"e.{ending}")
+            isonest("extract", "s.isonest", "--iso", 0.5, "--error", 0.05, "--effort", "none", "--normals", "-o", f"e.{ending}")
             self.assertEqual(body, (HERE / f"e.{ending}").read_bytes())
         self.assertEqual([p.name for p in HERE.glob("isonest-view-*")], [])
 
@@ -355,13 +355,13 @@ class Answers(unittest.TestCase):
                                 ({"Host": own, "Sec-Fetch-Site": "cross-site"}, 403)):
             with self.subTest(headers):
                 self.assertEqual(self.view.ask("/api/store", headers=headers)[0], status)
-        # A link from another site opens the page itself, but not under another name.
+        # A link from another site may open the page itself, but not under another name.
         self.assertEqual(self.view.ask("/", headers={"Host": own, "Sec-Fetch-Site": "cross-site"})[0], 200)
         self.assertEqual(self.view.ask("/", headers={"Host": "evil.example"})[0], 403)
 
 
     def raw(self, *lines):
-        """All that is answered to these lines."""
+        """The complete answer to these lines."""
         with socket.create_connection(("127.0.0.1", self.view.port), timeout=30) as s:
             s.sendall("".join(line + "\r\n" for line in lines).encode())
             s.shutdown(socket.SHUT_WR)
@@ -442,7 +442,7 @@ class Trust(unittest.TestCase):
             for i in range(30):
                 server.ask("/api/cancel", method="POST", stream=f"s{i}")
             codes = {a.result(timeout=60)[0] for a in answers}
-            self.assertEqual(codes - {200}, {409, 503})  # on a busy machine the first may be done before the others are there
+            self.assertEqual(codes - {200}, {409, 503})  # if the machine is busy the first may be done before others arrive
 
     def test_thousands_of_connections_and_slow_readers_leave_it_usable(self):
         resource.setrlimit(resource.RLIMIT_NOFILE, (4096, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
@@ -592,7 +592,7 @@ class Trust(unittest.TestCase):
 
     @unittest.skipIf(sanitized.is_sanitized(ISONEST), "sanitizers need more memory than such limits leave")
     def test_the_memory_is_kept_whatever_is_asked_for(self):
-        # What is mapped (the store, the programs' code) does not count; what the threads' stacks reserve does.
+        # Mapped memory (the store, the program's code) does not count; what threads' stacks reserve does.
         memory = 512 << 20
         with view("l.isonest", "--memory", "512M", "--threads", 2, limit=memory + (200 << 20)) as server, \
                 concurrent.futures.ThreadPoolExecutor(12) as pool:
@@ -622,8 +622,22 @@ class Trust(unittest.TestCase):
                 self.assertEqual(answer.result()[0], 200)
             self.wait_until(lambda: own() < before + (12 << 20), "it keeps what its answers took")
 
+    def test_a_volume_is_shown_as_its_store_which_is_gone_afterwards(self):
+        with view("t.isonest") as server:
+            expected = server.mesh("/api/surface", iso=128, error=3)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            with tempfile.TemporaryDirectory() as folder:
+                server = View("t.h5", folder=folder)
+                self.assertEqual(len(os.listdir(folder)), 1)
+                shown = server.mesh("/api/surface", iso=128, error=3)
+                self.assertEqual(shown["triangles"], expected["triangles"])
+                numpy.testing.assert_array_equal(shown["points"], expected["points"])
+                self.assertEqual(server.end(number)[0], 0)
+                self.assertEqual(os.listdir(folder), [])
+
     def test_what_cannot_be_is_said_before_the_start(self):
-        for options, code, words in ((["none.isonest"], 3, "none.isonest"), (["t.h5"], 4, ""),
+        (HERE / "junk").write_bytes(b"hello world" * 100)
+        for options, code, words in ((["none.isonest"], 3, "none.isonest"), (["junk"], 2, "no store"),
                                      (["t.isonest", "--memory", "10M"], 7, "--memory"),
                                      (["t.isonest", "--port", "70000"], 2, "--port"),
                                      (["t.isonest", "--address", "here"], 2, "address")):
@@ -729,7 +743,7 @@ class Kinds(unittest.TestCase):
                 self.assertIsNone(mesh["error_bound"])
                 self.assertIsNone(mesh["distance_bound"])
                 self.assertAlmostEqual(mesh["smooth_bound"], report["smooth_bound"] + mesh["position_rounding"], 12)
-                # Its normals: of unit length, out of the label, and nearly those of the triangles around.
+                # Its normals: of unit length, outward from the label, and close to those of the surrounding triangles.
                 self.assertLess(numpy.abs(numpy.linalg.norm(mesh["normals"], axis=1) - 1).max(), 0.02)
                 t = mesh["points"][mesh["faces"]]
                 area = numpy.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
@@ -741,7 +755,7 @@ class Kinds(unittest.TestCase):
                 centre = numpy.array([7 + 0.5 * 11, -3 + 16, 2 * 15])
                 big = numpy.linalg.norm((mesh["points"] - centre) / (0.5, 1, 2), axis=1) < 12
                 self.assertGreater(((mesh["points"] - centre) * mesh["normals"]).sum(1)[big].min(), 0)
-                # As a file it has no normals, as extract makes it.
+                # As a file it has no normals, like the output of extract.
                 content = server.ask("/api/export", label=3, format="ply", **asked)[2]
                 self.assertEqual(content, (HERE / "surface.ply").read_bytes())
             self.assertEqual(server.mesh("/api/surface", label=77, smooth=16)["triangles"], 0)

@@ -1,14 +1,13 @@
-// A store behind a network gives the same mesh as a local one, in few round trips and with little
-// that was announced for nothing.
+// A remote store gives the same mesh as a local one, with few round trips and little prefetched in
+// vain.
 #include <algorithm>
 #include <catch2/catch.hpp>
 
-#include "query/mesh/emit_mesh.h"
 #include "query/mesh/part_store.h"
 #include "query/mesh/weld.h"
 #include "query/traverse/traversal.h"
 #include "store/base/workers.h"
-#include "store/container/wrapping/far_source.h"
+#include "store/container/wrapped_sources.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -81,7 +80,7 @@ void require_same_meshes(const Outcome& a, const Outcome& b) {
         CHECK(a.counts[i].visited == b.counts[i].visited);
         CHECK(a.counts[i].leaves == b.counts[i].leaves);
         CHECK(a.counts[i].bricks == b.counts[i].bricks);
-        CHECK(a.counts[i].error_bound == b.counts[i].error_bound);
+        CHECK(a.counts[i].stopped_at == b.counts[i].stopped_at);
     }
 }
 
@@ -89,8 +88,8 @@ struct Case {
     const char* name;
     Extraction asked;
     std::vector<double> isovalues;
-    double waste = 1.3;  ///< bytes announced, at most, for each that is decoded
-    int per_level = 1;   ///< round trips, at most, for each level
+    double waste = 1.3;  ///< maximum of the bytes prefetched, relative to those decoded
+    int per_level = 1;   ///< maximum of the round trips per level
 };
 
 void require_few_round_trips(const StoreReader& store, const Case& c) {
@@ -99,31 +98,30 @@ void require_few_round_trips(const StoreReader& store, const Case& c) {
     asked.iso = c.isovalues.front();
     const TraversalQuery query = query_of(store, asked, true).traversal;
     const Outcome local = outcome_of(store, query, c.isovalues, {});
-    const FarSource source(store);
+    const RemoteSource source(store);
     const Outcome far = outcome_of(source, query, c.isovalues, {});
     require_same_meshes(local, far);
-    // Who looks ahead may read a chunk before it is known that nobody needs it.
+    // A chunk may be prefetched and read before it is known that it is not needed.
     CHECK(far.chunks_read <= local.chunks_read + local.chunks_read / 16);
     CHECK(far.bytes_read <= local.bytes_read + local.bytes_read / 16);
-    const FarCounts counts = source.counts();
-    INFO("announced " << counts.announced_bytes << " of " << counts.decoded_bytes << ", "
-                      << counts.unannounced << " unannounced");
+    const RemoteCounts counts = source.counts();
+    INFO("prefetched " << counts.fetched_bytes << " of " << counts.decoded_bytes << ", "
+                       << counts.not_prefetched << " not_prefetched");
     const int levels = store.layout().lattice().top() + 1;
-    // Of exact vertices only what is one or two chunks on an edge is announced at once.
+    // With exact vertices, only the one or two chunks on an edge are prefetched at once.
     CHECK(counts.round_trips <= (query.vertices == VertexPlace::exact
                                      ? counts.decoded_chunks / 3
                                      : static_cast<std::uint64_t>(c.per_level * levels + 3)));
-    CHECK(static_cast<double>(counts.announced_bytes) <=
+    CHECK(static_cast<double>(counts.fetched_bytes) <=
           c.waste * static_cast<double>(counts.decoded_bytes));
     if (std::getenv("ISONEST_FAR_FIGURES") != nullptr) {
         std::printf(
             "%-28s levels %2d rt %3d ann %3d unann %3d chunks %5d/%5d bytes %8d/%8d %.2f\n", c.name,
-            levels, static_cast<int>(counts.round_trips), static_cast<int>(counts.announcements),
-            static_cast<int>(counts.unannounced), static_cast<int>(counts.announced_chunks),
-            static_cast<int>(counts.decoded_chunks), static_cast<int>(counts.announced_bytes),
+            levels, static_cast<int>(counts.round_trips), static_cast<int>(counts.prefetches),
+            static_cast<int>(counts.not_prefetched), static_cast<int>(counts.fetched_chunks),
+            static_cast<int>(counts.decoded_chunks), static_cast<int>(counts.fetched_bytes),
             static_cast<int>(counts.decoded_bytes),
-            static_cast<double>(counts.announced_bytes) /
-                static_cast<double>(counts.decoded_bytes));
+            static_cast<double>(counts.fetched_bytes) / static_cast<double>(counts.decoded_bytes));
     }
 }
 
@@ -137,12 +135,12 @@ void require_same_with_little(const StoreReader& store, const Case& c) {
     const std::uint64_t chunk = largest_chunk_bytes(store.layout()) + 256;
     for (const int threads : {1, 3}) {
         for (const std::uint64_t waiting : {std::uint64_t{0}, std::uint64_t{100000}}) {
-            const FarSource source(store);
+            const RemoteSource source(store);
             const Room room{static_cast<std::uint64_t>(threads) * each + 4 * chunk, waiting,
                             threads};
             const Outcome far = outcome_of(source, query, c.isovalues, room);
             require_same_meshes(local, far);
-            // A chunk that is decoded for its sides comes on top.
+            // A chunk that is decoded for its sides is needed in addition.
             CHECK(far.peak <= room.cache + static_cast<std::uint64_t>(threads) * chunk);
         }
     }
@@ -223,7 +221,7 @@ PreprocessOptions with_gradients(int chunk) {
 
 }  // namespace
 
-TEST_CASE("a far store is read in a round trip for each level, and gives the same mesh") {
+TEST_CASE("a remote store is read in one round trip per level, and gives the same mesh") {
     const TemporaryFolder folder;
     const Int3 n{97, 129, 110};
     FunctionVolume<std::uint8_t> bytes(n, [](const Int3& p) {
@@ -245,7 +243,7 @@ TEST_CASE("a far store is read in a round trip for each level, and gives the sam
     }
 }
 
-TEST_CASE("with little memory a far store gives the same mesh within it") {
+TEST_CASE("with little memory a remote store gives the same mesh within it") {
     const TemporaryFolder folder;
     const Int3 n{70, 65, 90};
     FunctionVolume<std::int16_t> volume(n, [](const Int3& p) {
@@ -258,7 +256,7 @@ TEST_CASE("with little memory a far store gives the same mesh within it") {
     }
 }
 
-TEST_CASE("a coarse surface of a far store asks for no row of the finest level") {
+TEST_CASE("a coarse surface of a remote store requests no row of the finest level") {
     const TemporaryFolder folder;
     FunctionVolume<float> volume({129, 129, 129}, [](const Int3& p) {
         const Int3 d = p - Int3{64, 64, 64};
@@ -266,7 +264,7 @@ TEST_CASE("a coarse surface of a far store asks for no row of the finest level")
     });
     make_store(volume, folder / "s", with_chunk(16));
     const StoreReader store(folder / "s");
-    const FarSource source(store);
+    const RemoteSource source(store);
     Extraction asked;
     asked.error = 3;
     const Outcome far = outcome_of(source, query_of(store, asked, true).traversal, {40}, {});

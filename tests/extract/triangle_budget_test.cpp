@@ -1,5 +1,5 @@
-// A number of triangles of the nested grid: the result is an extraction within the error that was
-// found.
+// A number of triangles of the nested grid: the result is the extraction with the error that the
+// search found.
 #include <catch2/catch.hpp>
 
 #include <isonest/error.h>
@@ -22,7 +22,7 @@ ExtractReport extract_to(const Store& store, double iso, const SurfaceStop& stop
 
 }  // namespace
 
-TEST_CASE("A number of triangles gives the mesh of the error that is reported, and no more") {
+TEST_CASE("A number of triangles gives the mesh of the reported error and is not exceeded") {
     const TemporaryFolder folder;
     FunctionVolume<float> volume({33, 29, 41}, [](const Int3& p) {
         const auto x = static_cast<double>(p.x);
@@ -41,7 +41,8 @@ TEST_CASE("A number of triangles gives the mesh of the error that is reported, a
     double last = 1e300;
     for (const double share : {0.25, 0.5, 0.9}) {
         const auto most = static_cast<std::uint64_t>(share * static_cast<double>(full));
-        const ExtractReport r = extract_to(store, 20.3, ErrorBudget{most}, folder / "n.ply");
+        const ExtractReport r =
+            extract_to(store, 20.3, TriangleBudgetByError{most}, folder / "n.ply");
         REQUIRE(r.within_budget == true);
         REQUIRE(r.triangles <= most);
         REQUIRE(r.triangles > most / 4);
@@ -51,12 +52,14 @@ TEST_CASE("A number of triangles gives the mesh of the error that is reported, a
         extract_to(store, 20.3, ErrorBound{r.tolerance}, folder / "same.ply");
         REQUIRE(read_file(folder / "n.ply") == read_file(folder / "same.ply"));
     }
-    const ExtractReport all = extract_to(store, 20.3, ErrorBudget{full}, folder / "n.ply");
+    const ExtractReport all =
+        extract_to(store, 20.3, TriangleBudgetByError{full}, folder / "n.ply");
     REQUIRE(all.triangles == full);
     REQUIRE(all.error_bound == 0);
     REQUIRE(read_file(folder / "n.ply") == read_file(folder / "full.ply"));
-    REQUIRE_THROWS_WITH(extract_to(store, 20.3, ErrorBudget{1}, folder / "none.ply"),
+    REQUIRE_THROWS_WITH(extract_to(store, 20.3, TriangleBudgetByError{1}, folder / "none.ply"),
                         Catch::Contains(std::to_string(coarsest) + " triangles"));
-    REQUIRE_THROWS_AS(extract_to(store, 20.3, ErrorBudget{0}, folder / "none.ply"), Error);
+    REQUIRE_THROWS_AS(extract_to(store, 20.3, TriangleBudgetByError{0}, folder / "none.ply"),
+                      Error);
     REQUIRE_FALSE(std::filesystem::exists(folder / "none.ply"));
 }

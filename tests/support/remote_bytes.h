@@ -1,4 +1,4 @@
-// A store that is not here, in tests.
+// A remote store, in tests.
 #pragma once
 
 #include <catch2/catch.hpp>
@@ -16,25 +16,25 @@
 #include <isonest/error.h>
 
 #include "store/bytes/store_bytes.h"
-#include "store/container/footer/footer.h"
+#include "store/container/parts/footer.h"
 
 namespace isonest::detail::test {
 
-/// A store as it would come over a network, and what was read of it.
-class FarBytes : public StoreBytes {
+/// A store as if read over a network; records what was read.
+class RemoteBytes : public StoreBytes {
   public:
-    explicit FarBytes(std::string bytes) : bytes_(std::move(bytes)) {}
+    explicit RemoteBytes(std::string bytes) : bytes_(std::move(bytes)) {}
 
     [[nodiscard]] const std::string& name() const override { return name_; }
     [[nodiscard]] std::uint64_t size() const override { return bytes_.size(); }
-    [[nodiscard]] bool is_far() const override { return true; }
+    [[nodiscard]] bool is_remote() const override { return true; }
     [[nodiscard]] HeldBytes read(std::uint64_t offset, std::uint64_t size) const override {
         if (!lies_within(offset, size, bytes_.size())) {
             throw std::logic_error("a read beyond the end");  // any thread may read
         }
         const std::lock_guard lock(mutex_);
         reads_.push_back({offset, size});
-        // Of its own, so that what is used after it was given back is found.
+        // A separate copy, so that a use after its release is detected.
         auto copy = std::make_shared<std::string>(bytes_, offset, size);
         return {copy, std::as_bytes(std::span(*copy))};
     }
@@ -59,8 +59,8 @@ class FarBytes : public StoreBytes {
     mutable std::vector<ByteRange> wanted_;
 };
 
-/// The footer of these bytes as they are.
-inline FoundCatalogue found_in(const FarBytes& bytes) {
+/// The footer of these bytes, unchanged.
+inline FoundCatalogue found_in(const RemoteBytes& bytes) {
     auto found = find_catalogue(bytes);
     REQUIRE(found);
     return std::move(*found);

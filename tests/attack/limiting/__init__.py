@@ -1,0 +1,1 @@
+"""The kinds of tries of limits.py."""
