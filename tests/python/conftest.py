@@ -1,4 +1,4 @@
-"""Shared by the tests of the Python package."""
+"""Fixtures shared by the tests of the Python package."""
 import numpy as np
 import pytest
 

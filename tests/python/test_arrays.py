@@ -37,7 +37,7 @@ def through(volume, path, **options):
 
 
 @pytest.mark.parametrize("dtype", TYPES)
-def test_every_level_has_the_values_of_every_2_to_the_level_th_node(store_path, dtype):
+def test_level_l_has_the_values_of_every_2_to_the_l_th_node(store_path, dtype):
     volume = numbers(dtype)
     isonest.preprocess(volume, store_path, chunk=16)
     store = isonest.open(store_path)
@@ -62,7 +62,7 @@ def test_a_box_of_values_is_a_slice(store_path, box):
 @pytest.mark.parametrize("level, box, error", [(8, None, IndexError), (-1, None, IndexError),
                                                (0, np.s_[19], IndexError), (0, np.s_[::2], ValueError),
                                                (0, np.s_[1, 1, 1, 1], ValueError)])
-def test_levels_and_boxes_that_are_not_there(store_path, level, box, error):
+def test_missing_levels_and_boxes_outside_raise(store_path, level, box, error):
     isonest.preprocess(numbers("uint8"), store_path)
     with pytest.raises(error):
         isonest.open(store_path).values(level, box)
@@ -94,20 +94,20 @@ def test_strides_and_byte_order_do_not_matter(store_path, kind, dtype):
     same_bits(through(other, store_path), volume)
 
 
-def test_an_array_that_repeats_itself(store_path):
+def test_an_array_with_strides_of_0(store_path):
     plane = numbers("float32", SHAPE[1:])
     same_bits(through(np.broadcast_to(plane, SHAPE), store_path), np.repeat(plane[None], SHAPE[0], axis=0))
 
 
 @pytest.mark.parametrize("dtype, kept", [("float16", "float32"), ("bool", "uint8"), ("int64", "float64"),
                                          ("uint64", "float64")])
-def test_other_types_become_the_smallest_that_holds_them(store_path, dtype, kept):
+def test_other_types_become_the_smallest_type_that_can_hold_them(store_path, dtype, kept):
     volume = (np.random.default_rng(0).integers(0, 1000, SHAPE) - (0 if dtype[0] in "bu" else 500)).astype(dtype)
     same_bits(through(volume, store_path), volume.astype(kept))
 
 
 @pytest.mark.parametrize("value", [2**53 + 1, -(2**53) - 1, 2**63 - 1])
-def test_integers_that_float64_does_not_hold_are_refused(store_path, value):
+def test_integers_not_exact_in_float64_are_refused(store_path, value):
     volume = np.zeros((5, 6, 7), np.int64)
     volume[3, 4, 5] = value
     with pytest.raises(ValueError, match="2\\*\\*53"):
@@ -117,25 +117,25 @@ def test_integers_that_float64_does_not_hold_are_refused(store_path, value):
 
 @pytest.mark.parametrize("volume", [np.zeros((3, 4, 5), complex), np.zeros((3, 4, 5), "U3"),
                                     np.zeros((3, 4, 5), object), np.zeros((3, 4, 5), np.longdouble)])
-def test_types_that_are_no_values_are_refused(store_path, volume):
+def test_non_numeric_types_are_refused(store_path, volume):
     with pytest.raises(TypeError, match="a volume of"):
         isonest.preprocess(volume, store_path)
 
 
 @pytest.mark.parametrize("shape", [(5,), (2, 3, 4, 5), (0, 3, 4), ()])
-def test_shapes_that_are_no_volume_are_refused(store_path, shape):
+def test_arrays_without_values_or_with_too_many_axes_are_refused(store_path, shape):
     with pytest.raises(ValueError, match="shape"):
         isonest.preprocess(np.zeros(shape), store_path)
 
 
-def test_a_map_and_nested_lists(store_path, tmp_path):
+def test_data_in_a_plane_and_nested_lists(store_path, tmp_path):
     volume = numbers("float32", (12, 17))
     same_bits(through(volume, store_path), volume[None])
     same_bits(through([[[1, 2], [3, 4]], [[5, 6], [7, 9]]], tmp_path / "lists"),
               np.array([[[1, 2], [3, 4]], [[5, 6], [7, 9]]], float))
 
 
-def test_masked_values_and_missing_ones_become_nan(store_path, tmp_path):
+def test_masked_and_missing_values_become_nan(store_path, tmp_path):
     volume = numbers("int16") % 50
     expected = volume.astype(np.float32)
     expected[volume == 7] = np.nan
@@ -159,7 +159,7 @@ def test_spacing_and_origin_are_in_the_order_of_the_axes(store_path, tmp_path):
 
 
 @pytest.mark.parametrize("dtype", ["<u2", ">u2", "<f4", ">f8", "i1"])
-def test_raw_files_of_either_byte_order(store_path, tmp_path, dtype):
+def test_raw_files_in_either_byte_order(store_path, tmp_path, dtype):
     volume = numbers(np.dtype(dtype).newbyteorder("=")).astype(dtype)
     (tmp_path / "raw").write_bytes(b"header." + volume.tobytes())
     found = through(tmp_path / "raw", store_path, shape=SHAPE, dtype=dtype, offset=7)
@@ -187,7 +187,7 @@ def test_files_that_are_slices(store_path, tmp_path):
     same_bits(through(files, store_path), volume)
 
 
-def test_an_index_by_number_and_by_name(store_path, tmp_path):
+def test_an_index_by_position_and_by_name(store_path, tmp_path):
     volume = numbers("int16", (3, *SHAPE))
     np.save(tmp_path / "a.npy", volume)
     with pytest.raises(isonest.Error, match="index="):
@@ -260,7 +260,7 @@ def test_each_value_is_read_once_in_whole_chunks(store_path, chunks):
 
 
 @pytest.mark.parametrize("failure", [RuntimeError("the disk is gone"), KeyError("x"), StopIteration()])
-def test_what_a_slice_raises_comes_out_and_nothing_is_left(store_path, failure):
+def test_exceptions_from_slicing_propagate_and_leave_no_files(store_path, failure):
     class Failing(Recorded):
         def __getitem__(self, place):
             if len(self.asked) == 3:
@@ -273,7 +273,7 @@ def test_what_a_slice_raises_comes_out_and_nothing_is_left(store_path, failure):
     assert not list(store_path.parent.iterdir())
 
 
-def test_a_slice_of_another_shape_is_refused(store_path):
+def test_a_slice_with_the_wrong_shape_is_refused(store_path):
     class Short(Recorded):
         def __getitem__(self, place):
             return self.volume[place][:, :-1]

@@ -45,7 +45,7 @@ def test_vtk(store, direction, sign):
     assert measured.GetSurfaceArea() == pytest.approx(area(mesh.vertices, mesh.faces), rel=1e-5)
 
 
-def test_vtk_keeps_the_memory(store):
+def test_vtk_objects_keep_the_memory_alive(store):
     pytest.importorskip("vtkmodules.vtkFiltersCore")
     mesh = store.isosurface(0.0, vertex_values=store)
     from vtkmodules.vtkCommonDataModel import vtkPolyData

@@ -42,7 +42,7 @@ def run(lines, names):
 
 @pytest.fixture(scope="module")
 def ten_minutes(tmp_path_factory):
-    """The folder and the variables that the snippets of "Ten minutes" leave."""
+    """The folder and the variables after running the snippets of "Ten minutes"."""
     pytest.importorskip("meshio")
     pytest.importorskip("vtkmodules.vtkFiltersCore")
     folder = tmp_path_factory.mktemp("documents")
@@ -82,7 +82,7 @@ def test_the_snippets_run(names, capsys):
     assert re.search(r"give memory=\d+ or more", out) and "levels 0-2 1474560 of 1474560 B" in out
 
 
-def test_the_snippet_of_the_main_readme_runs(names, tmp_path, monkeypatch):
+def test_the_snippet_in_the_main_readme_runs(names, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (code,) = re.findall(r"```python\n(.*?)```", (PYTHON.parents[1] / "README.md").read_text(encoding="utf-8"), re.S)
     exec(code, names)  # noqa: S102
@@ -90,7 +90,7 @@ def test_the_snippet_of_the_main_readme_runs(names, tmp_path, monkeypatch):
     assert (tmp_path / "surface.glb").stat().st_size > 1000
 
 
-def test_the_snippet_of_the_window_runs(names, capsys, monkeypatch):
+def test_the_snippet_for_view_runs(names, capsys, monkeypatch):
     program = os.environ.get("ISONEST_PROGRAM", "")
     if not program or subprocess.run([program, "view", "--help"], capture_output=True, check=False).returncode != 0:
         pytest.skip("ISONEST_PROGRAM names no program that has the command view")
@@ -101,7 +101,7 @@ def test_the_snippet_of_the_window_runs(names, capsys, monkeypatch):
     assert names["view"].closed
 
 
-def test_the_table_of_scikit_image(names):
+def test_the_table_for_scikit_image(names):
     measure = pytest.importorskip("skimage.measure")
     names["marching_cubes"] = measure.marching_cubes
     names["mask"] = np.zeros(names["volume"].shape, bool)
@@ -120,7 +120,7 @@ def test_the_table_of_scikit_image(names):
         assert sides[0] == sides[1], theirs
 
 
-def test_the_table_of_vtk(names):
+def test_the_table_for_vtk(names):
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkFiltersCore import vtkTriangleFilter
     for code in snippets("From VTK"):
@@ -161,7 +161,7 @@ def test_the_table_of_errors_is_true():
         assert issubclass(getattr(isonest, name), getattr(__builtins__, python, None) or __builtins__[python])
 
 
-def test_everything_that_is_public_says_what_it_is():
+def test_everything_public_has_a_docstring():
     for name in isonest.__all__:
         assert getattr(isonest, name).__doc__, name
     for kind in (isonest.Store, isonest.Mesh, isonest.View):

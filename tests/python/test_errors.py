@@ -21,7 +21,7 @@ def store(store_path, noise):
     return isonest.open(store_path)
 
 
-def test_every_error_is_one_of_pythons_own_too():
+def test_every_error_is_also_a_builtin_exception():
     for name in isonest.__all__:
         kind = getattr(isonest, name)
         if name.endswith("Error") and name != "Error":
@@ -29,7 +29,7 @@ def test_every_error_is_one_of_pythons_own_too():
             assert len([base for base in kind.__mro__ if base.__module__ == "builtins"]) > 2, name
 
 
-def test_too_little_memory_is_a_memory_error_that_says_how_much_is_enough(store, store_path, noise):
+def test_too_little_memory_is_a_memory_error_with_the_minimum_required(store, store_path, noise):
     for call in (lambda **more: isonest.preprocess(noise, store_path.parent / "y", **more),
                  lambda **more: store.isosurface(0.3, **more), lambda **more: store.slice((1, 0, 0), 3, **more),
                  lambda **more: store.values(**more), lambda **more: store.histogram(**more)):
@@ -41,7 +41,7 @@ def test_too_little_memory_is_a_memory_error_that_says_how_much_is_enough(store,
     assert sorted(path.name for path in store_path.parent.iterdir()) == ["x.isonest", "y"]
 
 
-def test_a_mesh_that_does_not_fit_is_a_memory_error_and_no_crash(tmp_path):
+def test_a_mesh_too_large_for_memory_raises_memory_error(tmp_path):
     """A surface of 200 MB in a process that may allocate 60 MB more."""
     script = textwrap.dedent(f"""
         import resource
@@ -64,7 +64,7 @@ def test_a_mesh_that_does_not_fit_is_a_memory_error_and_no_crash(tmp_path):
     assert (done.returncode, done.stdout) == (0, "MemoryError\nTrue\n"), done.stderr
 
 
-def test_what_is_not_there_is_a_file_not_found_error(tmp_path):
+def test_missing_files_and_fields_raise_file_not_found_error(tmp_path):
     for call in (lambda: isonest.open(tmp_path / "none"),
                  lambda: isonest.preprocess(tmp_path / "none.h5", tmp_path / "x"),
                  lambda: isonest.preprocess(np.zeros((3, 4, 5)), tmp_path / "no" / "x")):
@@ -74,7 +74,7 @@ def test_what_is_not_there_is_a_file_not_found_error(tmp_path):
         assert str(tmp_path) in str(caught.value)
 
 
-def test_a_damaged_store_is_corrupt(store, store_path):
+def test_a_damaged_store_raises_corrupt_error(store, store_path):
     content = bytearray(store_path.read_bytes())
     (store_path.parent / "cut").write_bytes(content[:len(content) // 2])
     with pytest.raises(isonest.CorruptError):
@@ -85,7 +85,7 @@ def test_a_damaged_store_is_corrupt(store, store_path):
     assert isinstance(caught.value, ValueError) and "isonest.preprocess" in caught.value.remedies[0]
 
 
-def test_an_existing_store_stays_unless_it_is_to_be_replaced(store, store_path, noise):
+def test_an_existing_store_is_kept_without_replace(store, store_path, noise):
     before = store_path.read_bytes()
     with pytest.raises(isonest.Error, match="replace=True"):
         isonest.preprocess(noise[::2], store_path)
@@ -95,7 +95,7 @@ def test_an_existing_store_stays_unless_it_is_to_be_replaced(store, store_path, 
     assert store.shape[0] == 40 and np.array_equal(store.values(), noise)  # the old file, which is still open
 
 
-def test_arguments_that_make_no_sense_are_value_errors(store, store_path, noise):
+def test_invalid_arguments_raise_value_error(store, store_path, noise):
     calls = [lambda: store.isosurface(0.3, error=-1), lambda: store.isosurface(float("nan")),
              lambda: store.isosurface(0.3, distance="2 miles"), lambda: store.isosurface(0.3, error=1, distance=1),
              lambda: store.isosurface(0.3, indicator="none"), lambda: store.isosurface(0.3, cells="cubes"),
@@ -117,14 +117,14 @@ def test_arguments_that_make_no_sense_are_value_errors(store, store_path, noise)
     assert list(store_path.parent.iterdir()) == [store_path]
 
 
-def test_a_missing_indicator_says_how_to_get_it(store):
+def test_the_error_for_a_missing_indicator_says_how_to_add_it(store):
     with pytest.raises(isonest.NotFoundError) as caught:
         store.isosurface(0.3, error=0.1, effort="none", cells="hexahedra")
     assert "indicators=" in str(caught.value) and "hex_deviation" in str(caught.value)
     assert all("--" not in text for text in caught.value.remedies)
 
 
-def test_progress_tells_every_phase_to_its_end(store, store_path, noise):
+def test_progress_reports_every_phase_to_its_end(store, store_path, noise):
     calls = []
     isonest.preprocess(np.tile(noise, (4, 4, 4)), store_path.parent / "y", progress=lambda *all: calls.append(all))
     assert all(isinstance(phase, str) and 0 <= done <= max(total, done) and unit for phase, done, total, unit in calls)
@@ -142,7 +142,7 @@ def test_progress_tells_every_phase_to_its_end(store, store_path, noise):
         assert calls
 
 
-def test_bars_of_tqdm(store, capsys):
+def test_tqdm_bars(store, capsys):
     pytest.importorskip("tqdm")
     store.values(progress=True)
     assert "values: 100%" in capsys.readouterr().err
@@ -150,7 +150,7 @@ def test_bars_of_tqdm(store, capsys):
         store.values(progress="bar")
 
 
-def test_what_progress_raises_ends_the_work(store_path):
+def test_an_exception_from_progress_ends_the_work(store_path):
     class Enough(Exception):
         pass
 
@@ -209,7 +209,7 @@ def test_ctrl_c_ends_preprocess_and_leaves_no_store(tmp_path, kind, threads):
     assert not list((tmp_path / "out").iterdir())
 
 
-def test_ctrl_c_ends_the_call_for_small_data_and_removes_its_folder(tmp_path):
+def test_ctrl_c_ends_isosurface_and_removes_its_temporary_store(tmp_path):
     call = "isonest.isosurface(volume, 0.5, scratch=sys.argv[1], error=0.01)"
     child = subprocess.Popen([sys.executable, "-c", INTERRUPTED.format(call=call), tmp_path, "array"],
                              stdout=subprocess.PIPE, text=True)
@@ -238,7 +238,7 @@ def test_ctrl_c_ends_a_surface_without_a_store_and_leaves_no_file(tmp_path, kind
     assert not list(tmp_path.iterdir())
 
 
-def test_what_progress_raises_ends_the_stages_of_a_surface(tmp_path):
+def test_an_exception_from_progress_ends_any_stage_of_a_surface(tmp_path):
     volume = np.random.default_rng(0).random((90, 90, 90), np.float32)
     seen = []
 
@@ -253,7 +253,7 @@ def test_what_progress_raises_ends_the_stages_of_a_surface(tmp_path):
 
 
 class Stop(Exception):
-    """For everything that can end a run."""
+    """An exception that ends a run."""
 
 
 class Dataset:
@@ -270,7 +270,7 @@ class Dataset:
         return self.volume[place]
 
 
-def test_an_interrupted_run_goes_on(tmp_path):
+def test_an_interrupted_run_is_resumed(tmp_path):
     """The cause is raised, finished parts are kept, and the next run takes them over."""
     volume = np.random.default_rng(0).integers(0, 99, (256, 64, 64)).astype(np.uint8)
     (tmp_path / "file").touch()
@@ -288,7 +288,7 @@ def test_an_interrupted_run_goes_on(tmp_path):
     assert (tmp_path / "x").read_bytes() == (tmp_path / "whole").read_bytes()
 
 
-def test_only_what_can_be_told_from_others_is_resumed(tmp_path):
+def test_only_identifiable_volumes_are_resumed(tmp_path):
     volume = Dataset(np.zeros((20, 64, 64), np.uint8), tmp_path / "none", 20)
     with pytest.raises(ValueError, match="resume"):
         isonest.preprocess(volume, tmp_path / "x", resume=True)
@@ -304,7 +304,7 @@ def test_the_temporary_folder_is_removed(tmp_path, noise):
         isonest.isosurface(noise, 0.3, scratch=tmp_path / "none", distance=0.5)
 
 
-def test_others_work_while_a_surface_is_simplified(noise):
+def test_other_threads_run_while_a_surface_is_simplified(noise):
     volume = np.tile(noise, (4, 4, 4))
     counted, ended = 0, threading.Event()
 
@@ -323,7 +323,7 @@ def test_others_work_while_a_surface_is_simplified(noise):
     assert counted > 50 * seconds
 
 
-def test_the_store_is_that_of_the_program(tmp_path, noise):
+def test_the_store_has_the_programs_bytes(tmp_path, noise):
     program = os.environ.get("ISONEST_PROGRAM")
     if not program or not pathlib.Path(program).exists():
         pytest.skip("the program isonest is not named by ISONEST_PROGRAM")
@@ -335,7 +335,7 @@ def test_the_store_is_that_of_the_program(tmp_path, noise):
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
-def test_a_temporary_folder_that_is_not_there_is_an_error_of_the_package(store, monkeypatch):
+def test_a_missing_temporary_folder_raises_an_isonest_error(store, monkeypatch):
     monkeypatch.setenv("TMPDIR", "/nowhere")
     with pytest.raises(isonest.InputOutputError, match="/nowhere.*TMPDIR"):
         store.isosurface(0.5, distance="0.5voxel")

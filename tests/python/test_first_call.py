@@ -56,7 +56,7 @@ def test_an_array_of_any_layout_has_the_surface_of_its_store(store_path, noise, 
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_an_array_of_any_layout_is_simplified_as_a_plain_one(noise, no_store, layout):
+def test_an_array_of_any_layout_is_simplified_like_a_contiguous_one(noise, no_store, layout):
     volume = LAYOUTS[layout](noise)
     before = np.ma.filled(volume, np.nan).copy()
     plain = before.copy()
@@ -69,7 +69,7 @@ def test_an_array_of_any_layout_is_simplified_as_a_plain_one(noise, no_store, la
 
 
 @pytest.mark.parametrize("dtype", ["u1", "i1", "u2", "i2", "u4", "i4", "f4", "f2", "i8", ">f4", ">i2"])
-def test_an_array_of_any_type_is_simplified_as_one_of_float64(noise, no_store, dtype):
+def test_an_array_of_any_type_is_simplified_like_float64(noise, no_store, dtype):
     volume = np.abs(noise * 12).astype("i1")
     ours = isonest.isosurface(volume.astype(dtype), 7.5, distance=0.5, effort="fast")
     expected = isonest.isosurface(volume.astype("f8"), 7.5, distance=0.5, effort="fast")
@@ -79,7 +79,7 @@ def test_an_array_of_any_type_is_simplified_as_one_of_float64(noise, no_store, d
 
 
 @pytest.mark.parametrize("query", [{}, {"distance": 0.4, "effort": "fast"}], ids=str)
-def test_files_and_datasets_are_marched_as_arrays_are(tmp_path, noise, no_store, query):
+def test_files_and_datasets_give_the_surface_of_their_array(tmp_path, noise, no_store, query):
     ours = isonest.isosurface(noise, 0.3, missing=0.25, **query)
     np.save(tmp_path / "v.npy", noise)
     volumes = [np.load(tmp_path / "v.npy", mmap_mode="r"), tmp_path / "v.npy"]
@@ -139,7 +139,7 @@ def test_at_full_resolution_an_array_needs_no_store(tmp_path, noise, no_store):
     {"vertices": "exact"}, {"vertex_error": "deviation_bar"},
     {"distance": 0.5, "effort": "none"}, {"distance": 0.5, "keep_analysis": True},
     {"triangles": 100, "by": "error"}, {"error": 0.1, "close": True, "volume_interval": True}], ids=str)
-def test_what_needs_a_store_gets_one(noise, no_store, query):
+def test_queries_that_need_a_store_get_one(noise, no_store, query):
     for iso in (0.3, None, [0.1, 0.3]):
         with pytest.raises(AssertionError, match="a store is made"):
             isonest.isosurface(noise, iso, **query)
@@ -148,7 +148,7 @@ def test_what_needs_a_store_gets_one(noise, no_store, query):
 @pytest.mark.parametrize("query", [
     {"cells": "tet"}, {"close": True}, {"box": ((1, 1, 1), (7.5, 9, 9))}, {"distance": 0.5, "close": True},
     {"cells": "tet", "close": True, "box": ((1, 1, 1), (7.5, 9, 9))}, {"cells": "tet", "distance": 0.5}], ids=str)
-def test_all_of_full_resolution_is_made_without_a_store_as_from_one(noise, tmp_path, monkeypatch, query):
+def test_surfaces_at_full_resolution_without_a_store_are_those_of_the_store(noise, tmp_path, monkeypatch, query):
     isonest.preprocess(noise, tmp_path / "s.isonest")
     with isonest.open(tmp_path / "s.isonest") as store:
         expected = store.isosurface(0.3, **query)
@@ -174,7 +174,7 @@ SIMPLIFIED = [{"distance": 0.4}, {"distance": "0.5voxel", "effort": "fast"}, {"t
 
 
 @pytest.mark.parametrize("query", SIMPLIFIED, ids=str)
-def test_what_is_made_of_the_whole_surface_needs_no_store(noise, no_store, tmp_path, query):
+def test_stages_on_the_whole_surface_need_no_store(noise, no_store, tmp_path, query):
     made = isonest.isosurface(noise, 0.3, spacing=(2, 1, 0.5), scratch=tmp_path, **query)
     full = isonest.isosurface(noise, 0.3, spacing=(2, 1, 0.5))
     assert 0 < len(made.faces) <= len(full.faces)
@@ -204,7 +204,7 @@ def test_what_is_made_of_the_whole_surface_needs_no_store(noise, no_store, tmp_p
 
 
 @pytest.mark.parametrize("query", SIMPLIFIED, ids=str)
-def test_what_is_made_of_the_whole_surface_is_as_from_a_store(noise, store_path, query):
+def test_stages_on_the_whole_surface_give_the_result_of_a_store(noise, store_path, query):
     ours = isonest.isosurface(noise, 0.3, spacing=(2, 1, 0.5), **query)
     stored = from_store(noise, 0.3, store_path, spacing=(2, 1, 0.5), **query)
     for what in ("full_triangles", "components", "dropped_triangles", "largest_dropped", "value_range",
@@ -214,14 +214,14 @@ def test_what_is_made_of_the_whole_surface_is_as_from_a_store(noise, store_path,
     # The requested distance; for a number of triangles, the distance that was found.
     assert ours.report.distance == pytest.approx(stored.report.distance, rel=0.02 if "triangles" in query else 0)
     if query.get("distance") or "triangles" in query:
-        # Among edges of about equal cost the order of the mesh, which differs, decides which is collapsed first.
+        # The order in which edges of similar cost are collapsed depends on the order of the mesh, which differs.
         assert len(ours.faces) == pytest.approx(len(stored.faces), rel=0.02)
         assert ours.report.area == pytest.approx(stored.report.area, rel=0.002)
     else:
         same_surface(ours, stored)
 
 
-def test_cells_are_hexahedra_where_they_can_be(noise, store_path):
+def test_cells_are_hexahedra_where_possible(noise, store_path):
     isonest.preprocess(noise, store_path)
     store = isonest.open(store_path)
     for query in ({"box": ((0, 0, 0), (20, 20, 20))}, {"close": True}, {"close": True, "components": "largest"},
@@ -233,7 +233,7 @@ def test_cells_are_hexahedra_where_they_can_be(noise, store_path):
                                       store.isosurface(0.3, cells="tet", **query).faces)
 
 
-def test_a_unit_is_that_of_the_file(tmp_path, noise):
+def test_the_unit_of_the_file_is_used(tmp_path, noise):
     isonest.isosurface(noise, 0.3, unit="mm", spacing=(2, 1, 0.5)).save(tmp_path / "a.3mf")
     with zipfile.ZipFile(tmp_path / "a.3mf") as archive:
         assert b'unit="millimeter"' in archive.read("3D/3dmodel.model")

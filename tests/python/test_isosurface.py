@@ -27,14 +27,14 @@ def test_full_resolution_is_the_surface_of_marching_cubes(store_path, noise, cel
     np.testing.assert_allclose(verts.min(0), v.min(0), atol=1e-5)
     np.testing.assert_allclose(verts.max(0), v.max(0), atol=1e-5)
     assert area(verts, faces) == pytest.approx(area(v, f), rel=0.01)
-    # All vertices of marching cubes lie on edges of the lattice, and are contained in those of both kinds of cells.
+    # All vertices of marching cubes are on edges of the lattice, which are edges of both kinds of cells.
     assert spatial.cKDTree(verts).query(v)[0].max() < 1e-4
     assert hausdorff(verts, v) < max(spacing)
     assert values.shape == (len(verts),) and (values == 0.3).all()
 
 
 @pytest.mark.parametrize("direction", ["descent", "ascent"])
-def test_faces_turn_and_normals_point_as_those_of_scikit_image(direction):
+def test_orientation_and_normals_are_those_of_scikit_image(direction):
     volume = ball((20, 22, 24), 8)
     verts, faces, normals, values = isonest.isosurface(volume, 0.0, gradient_direction=direction)
     v, f, n, _ = measure.marching_cubes(volume, 0.0, gradient_direction=direction)
@@ -45,13 +45,13 @@ def test_faces_turn_and_normals_point_as_those_of_scikit_image(direction):
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
 
 
-def test_without_a_level_it_is_the_middle_as_in_scikit_image(noise):
+def test_the_default_isovalue_is_the_middle_as_in_scikit_image(noise):
     ours = isonest.isosurface(noise, cells="hexahedra").vertices
     theirs = measure.marching_cubes(noise)[0]
     assert hausdorff(ours, theirs) < 1e-4
 
 
-def test_an_error_keeps_its_promise_and_saves_triangles(store_path, noise):
+def test_the_error_bound_holds_and_saves_triangles(store_path, noise):
     isonest.preprocess(noise, store_path)
     store = isonest.open(store_path)
     full = store.isosurface(0.3)
@@ -84,7 +84,7 @@ def test_a_relative_error_is_that_fraction_of_the_range(store_path, noise):
     np.testing.assert_array_equal(relative.faces, store.isosurface(0.3, error=0.02 * (high - low)).faces)
 
 
-def test_a_distance_is_kept(store_path):
+def test_the_distance_bound_holds(store_path):
     volume = ball((33, 33, 33), 12.3)
     isonest.preprocess(volume, store_path)
     store = isonest.open(store_path)
@@ -105,7 +105,7 @@ def test_a_distance_is_kept(store_path):
     assert store.isosurface(0.0, triangles=300).report.within_budget is True
 
 
-def test_a_box_cuts_in_the_coordinates_of_the_result(store_path, noise):
+def test_a_box_is_in_the_coordinates_of_the_result(store_path, noise):
     isonest.preprocess(noise, store_path, spacing=(2, 1, 0.5), origin=(100, 200, 300))
     store = isonest.open(store_path)
     low, high = (10, 5, 2.25), (41, 20, 9.5)
@@ -149,13 +149,13 @@ def test_the_report_measures_the_mesh(store_path, noise, more, coordinates, roun
             assert mesh.report.volume is None
 
 
-def test_no_surface_is_an_empty_mesh(noise):
+def test_an_absent_isovalue_gives_an_empty_mesh(noise):
     mesh = isonest.isosurface(noise, 1000.0)
     assert mesh.vertices.shape == (0, 3) and mesh.faces.shape == (0, 3)
     assert mesh.report.area == 0 and mesh.report.volume == 0
 
 
-def test_a_map_has_lines():
+def test_data_in_a_plane_have_isolines():
     volume = ball((30, 40), 10)
     mesh = isonest.isosurface(volume, 0.0, normals=False)
     assert mesh.faces.shape[1] == 2 and len(mesh.faces) == len(mesh.vertices) > 50
@@ -225,7 +225,7 @@ def test_a_rotated_volume_is_the_same_in_array_coordinates(tmp_path, monkeypatch
         assert spatial.cKDTree(plain.vertices).query(near.vertices)[0].max() < 0.3 + 1
 
 
-def test_labels_and_the_surface_of_one(tmp_path):
+def test_the_list_of_labels_and_the_surface_of_one(tmp_path):
     rng = np.random.default_rng(4)
     data = rng.choice(np.array([0, 3, 9], "u2"), (8, 9, 10))
     data[3:6, 2:5, 4:8] = 700

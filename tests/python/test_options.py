@@ -79,7 +79,7 @@ def help_of(*command):
 
 
 def options_of(command):
-    """The names of a command's options, each with the form of its value and its text in the help."""
+    """The options of a command: name, and the form of its value with its text in the help."""
     found = re.findall(r"^  (?:-\w,)?--([a-z][a-z-]*)(?:\[=(\S+)\])?(?: (\S+(?: \S+)*?))?((?:  | *\n).*(?:\n {28}.*)*)",
                        help_of(command), re.M)
     return {name: (of_flag or form, words) for name, of_flag, form, words in found}
@@ -96,7 +96,7 @@ def left_out(table, owner, name):
     return (owner, name) in table or ("*", name) in table
 
 
-def test_every_command_is_here():
+def test_every_command_has_a_function():
     commands = set(re.findall(r"^  ([a-z][a-z-]+) {2,}\S", help_of(), re.M))
     assert commands | {"view"} == set(COMMANDS) | set(COMMANDS_LEFT_OUT)
 
@@ -123,7 +123,7 @@ def test_every_argument_is_an_option(command):
                 and not left_out(ONLY_HERE, function.__name__, name)} == set(), function.__name__
 
 
-def test_the_tables_name_what_there_is():
+def test_the_tables_name_existing_options_and_arguments():
     options = {command: options_of(command) for command in COMMANDS if f"\n  {command} " in help_of()}
     for command, option in [*RENAMED, *LEFT_OUT, *CHOICES_LEFT_OUT]:
         if command in options:
@@ -142,7 +142,7 @@ def literals(annotation):
     return set().union(*map(literals, typing.get_args(annotation)))
 
 
-def test_every_choice_is_the_programs(command):
+def test_every_choice_is_that_of_the_program(command):
     """The form of an option lists the accepted words, largest|K|all, or its description names them."""
     for option, (form, words) in options_of(command).items():
         ours = set()
@@ -155,7 +155,7 @@ def test_every_choice_is_the_programs(command):
             assert ours == {word for word in form.split("|") if word.islower()}, option
 
 
-def test_a_choice_that_there_is_not_is_refused_with_those_that_there_are(tmp_path, noise):
+def test_an_unknown_choice_is_refused_with_a_list_of_choices(tmp_path, noise):
     isonest.preprocess(noise, tmp_path / "x")
     store = isonest.open(tmp_path / "x")
     hints = typing.get_type_hints(Store.isosurface)
@@ -165,7 +165,7 @@ def test_a_choice_that_there_is_not_is_refused_with_those_that_there_are(tmp_pat
         assert all(repr(choice) in str(caught.value) for choice in literals(hints[name])), name
 
 
-def test_the_fields_are_the_programs(noise, tmp_path):
+def test_the_fields_are_those_of_the_program(noise, tmp_path):
     with pytest.raises(isonest.InvalidArgumentError) as caught:
         isonest.preprocess(noise, tmp_path / "x", indicators=["none"])
     ours = re.findall(r"\w+", caught.value.remedies[0].split(":")[1])

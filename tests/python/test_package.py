@@ -1,4 +1,4 @@
-"""The installed files: the component python alone, importable from where Debian and pip install it."""
+"""The installed component "python": complete, and importable from the folders that Debian and pip use."""
 import os
 import pathlib
 import re
@@ -24,7 +24,7 @@ def build_tree():
     return tree
 
 
-def test_the_component_is_the_package_and_works_from_anywhere(tmp_path):
+def test_the_installed_component_can_be_imported_from_any_folder(tmp_path):
     subprocess.run(["cmake", "--install", build_tree(), "--component", "python", "--prefix", tmp_path / "prefix"],
                    check=True, capture_output=True)
     folder = tmp_path / "prefix" / "lib/python3/dist-packages"
@@ -41,7 +41,7 @@ def test_the_component_is_the_package_and_works_from_anywhere(tmp_path):
 
 
 @pytest.mark.parametrize("way", ["built", "installed"])
-def test_a_file_that_needs_a_module_is_read(tmp_path, way):
+def test_a_format_in_a_loadable_module_is_read(tmp_path, way):
     tree = build_tree()
     if not (tree / "lib/isonest/isonest_gdcm.so").exists():
         pytest.skip("this build has no GDCM")

@@ -56,7 +56,7 @@ def test_specks_are_dropped_by_number_triangles_or_volume(specks):
     assert len(pieces_of(small)) == 1 and len(small.faces) < sizes[0] / 4
 
 
-def test_cells_have_the_names_of_the_program_or_longer_ones(store):
+def test_cells_have_the_programs_names_or_full_names(store):
     for short, full in (("tet", "tetrahedra"), ("hex", "hexahedra")):
         np.testing.assert_array_equal(store.isosurface(0.3, cells=short).faces, store.isosurface(0.3, cells=full).faces)
     with pytest.raises(ValueError, match="'tet', 'hex'"):
@@ -77,7 +77,7 @@ def test_exact_vertices_are_on_the_finest_surface(tmp_path):
     assert off["exact"] <= finest + 1e-5 < off["linear"] / 4
 
 
-def test_a_threshold_of_the_error_field_is_the_error(store):
+def test_a_threshold_on_the_error_field_is_the_error(store):
     by_error = store.isosurface(0.3, error=0.2, effort="none")
     by_field = store.isosurface(0.3, stop="deviation_bar", threshold=0.2)
     np.testing.assert_array_equal(by_field.vertices, by_error.vertices)
@@ -87,7 +87,7 @@ def test_a_threshold_of_the_error_field_is_the_error(store):
     assert relative.report.indicator == "deviation_bar"
 
 
-def test_the_error_is_kept_by_fewer_triangles(store, noise):
+def test_simplification_within_an_error_saves_triangles(store, noise):
     from scipy.ndimage import map_coordinates
     nested = store.isosurface(0.3, error=0.2, effort="none")
     fewer = store.isosurface(0.3, error=0.2, cells="tet")
@@ -114,7 +114,7 @@ def test_the_error_is_kept_by_fewer_triangles(store, noise):
     assert len(finer.faces) <= 2000 and finer.report.error_bound < budget.report.error_bound
 
 
-def test_a_distance_without_simplification_is_the_nested_grids(tmp_path):
+def test_a_distance_with_effort_none_gives_the_nested_grid(tmp_path):
     isonest.preprocess(ball((33, 33, 33), 12.3), tmp_path / "x")
     store = isonest.open(tmp_path / "x")
     nested = store.isosurface(0.0, distance="0.5voxel", effort="none")
@@ -126,7 +126,7 @@ def test_a_distance_without_simplification_is_the_nested_grids(tmp_path):
     assert abs(np.linalg.norm(nested.vertices - 16, axis=1) - 12.3).max() < 0.03
 
 
-def test_less_effort_keeps_the_distance_with_more_triangles(tmp_path):
+def test_less_effort_gives_more_triangles_within_the_distance(tmp_path):
     isonest.preprocess(ball((33, 33, 33), 12.3), tmp_path / "x")
     store = isonest.open(tmp_path / "x")
     full, best = store.isosurface(0.0), store.isosurface(0.0, distance="0.5voxel")
@@ -177,7 +177,7 @@ def test_the_error_grows_with_the_distance_to_the_focus(store):
     np.testing.assert_array_equal(world.faces, inside.faces)
 
 
-def test_what_a_camera_sees_small_is_coarse(store):
+def test_parts_far_from_the_camera_are_coarse(store):
     sizes = [len(store.isosurface(0.3, camera=(away, 16, 13), pixels=20, height=600).faces)
              for away in (-30, -300, -3000)]
     assert sizes[0] > 2 * sizes[1] > 4 * sizes[2]
@@ -185,13 +185,13 @@ def test_what_a_camera_sees_small_is_coarse(store):
     assert len(near.faces) > sizes[1]
 
 
-def test_a_bound_changes_what_is_visited_and_not_the_surface(store):
+def test_a_bound_changes_only_the_number_of_visited_cells(store):
     tight, loose = store.isosurface(0.3, bound="deviation_bar"), store.isosurface(0.3, bound="linf_plus")
     assert (tight.report.bound, loose.report.bound) == ("deviation_bar", "linf_plus")
     np.testing.assert_array_equal(tight.vertices, loose.vertices)
 
 
-def test_what_faces_away_is_left_out(store):
+def test_parts_facing_away_are_left_out(store):
     full = store.isosurface(0.3, cells="tet")
     for coordinates, view in (("array", (1.0, 0.0, 0.0)), ("world", (0.0, 0.0, 1.0))):
         seen = store.isosurface(0.3, view=view, coordinates=coordinates, cull_by="normal_turn_plus")
@@ -207,7 +207,7 @@ def test_what_faces_away_is_left_out(store):
         assert all(tuple(sorted(map(tuple, face))) in places for face in front.tolist())
 
 
-def test_arguments_that_do_not_go_together(store):
+def test_incompatible_arguments_are_refused(store):
     calls = [dict(error=0.1, error_relative=0.1), dict(error=0.1, stop="linf_bar"), dict(threshold=0.1),
              dict(stop="linf_bar", threshold=0.1, threshold_relative=0.1), dict(stop="values"),
              dict(distance=1, stop="linf_bar"), dict(distance=1, error_relative=0.1), dict(by="error"),
@@ -263,7 +263,7 @@ def test_the_graph_of_a_map_is_its_values(tmp_path, noise):
         store.graph(cells="hex")
 
 
-def test_several_labels_are_those_one_by_one(tmp_path):
+def test_several_labels_give_the_meshes_of_single_ones(tmp_path):
     data = np.zeros((12, 13, 14), "u2")
     data[2:5, 2:6, 2:7], data[6:10, 6:10, 6:12], data[0:3, 9:13, 10:14] = 3, 700, 9
     isonest.preprocess(data, tmp_path / "s")
@@ -314,7 +314,7 @@ def test_smooth_labels_share_their_triangles(tmp_path):
         store.label_surfaces(smooth=True, normals=True)
 
 
-def test_interfaces_are_what_the_labels_meshes_are_cut_from(tmp_path):
+def test_interfaces_contain_all_faces_of_the_labels_meshes(tmp_path):
     data = np.ones((10, 11, 12), "u2")
     data[:, 4:, :] = 2
     data[4:7, 2:8, 3:9] = 7
@@ -353,7 +353,7 @@ def test_interfaces_are_what_the_labels_meshes_are_cut_from(tmp_path):
         store.interfaces([2, 4])
 
 
-def test_parts_of_smooth_labels_are_dropped(tmp_path):
+def test_components_of_smooth_labels_are_dropped(tmp_path):
     from scipy.ndimage import label as filled
     data = np.zeros((20, 22, 24), "u1")
     data[2:9, 2:9, 2:9], data[12:15, 12:15, 12:20], data[17, 3, 5], data[3, 18, 20] = 5, 5, 5, 8

@@ -1,4 +1,4 @@
-"""Stores at URLs: the same results as from a file, the number of bytes fetched, and waits that end."""
+"""Stores at URLs: the same results as from a file, the number of bytes fetched, and interruptible waits."""
 import os
 import pathlib
 import pickle
@@ -49,7 +49,7 @@ def made(tmp_path):
     return path
 
 
-def test_a_url_gives_what_the_file_gives(made):
+def test_a_url_gives_the_results_of_the_file(made):
     with RangeServer(made.parent) as server, isonest.open(made) as local:
         assert local.fetched == dict.fromkeys(("remote_bytes", "requests", "round_trips", "cache_bytes"), 0)
         with isonest.open(server.url(made.name, f"me:{SECRET}@") + f"?{SECRET}", headers={"X-Token": SECRET}) as remote:
@@ -73,7 +73,7 @@ def test_a_url_gives_what_the_file_gives(made):
         assert all(note.get("x-token", SECRET) == SECRET for note in server.notes)
 
 
-def test_a_cache_serves_the_next_opening(made, tmp_path):
+def test_the_cache_is_used_when_the_store_is_reopened(made, tmp_path):
     with RangeServer(made.parent) as server:
         for cache in (tmp_path / "cache", f"{tmp_path / 'cache'}:16M"):
             with isonest.open(server.url(made.name), cache=cache, memory="32M") as store:
@@ -82,7 +82,7 @@ def test_a_cache_serves_the_next_opening(made, tmp_path):
         assert fetched["requests"] == 1 and fetched["cache_bytes"] > 0
 
 
-def test_a_cache_that_cannot_be_used_is_said(made, tmp_path):
+def test_an_unusable_cache_gives_a_warning(made, tmp_path):
     (tmp_path / "file").write_text("no folder")
     with RangeServer(made.parent) as server:
         with pytest.raises(isonest.Error, match="file"):
@@ -92,7 +92,7 @@ def test_a_cache_that_cannot_be_used_is_said(made, tmp_path):
             isonest.open(made, cache=cache)
 
 
-def test_errors_say_what_helps_and_no_secret(made):
+def test_errors_contain_remedies_and_no_secrets(made):
     with RangeServer(made.parent, fault_of=lambda *_: "status:403") as server:
         with pytest.raises(isonest.InputOutputError, match="403") as raised:
             isonest.open(server.url(made.name, f"me:{SECRET}@"), headers=[f"X-Token: {SECRET}"])
@@ -127,7 +127,7 @@ def test_ctrl_c_ends_a_wait(made):
 
 
 @pytest.mark.skipif(not PROGRAM, reason="ISONEST_PROGRAM names no program")
-def test_a_view_gets_headers_without_telling_them(made):
+def test_a_view_gets_headers_without_revealing_them(made):
     def guarded(number, path, headers):
         return None if headers.get("X-Token") == SECRET else "status:403"
 

@@ -1,4 +1,4 @@
-"""Meshes as files: byte for byte those of the program, and what other programs read from them."""
+"""Saved meshes: byte for byte those of the program, and readable by other programs."""
 import json
 import os
 import struct
@@ -68,7 +68,7 @@ def test_other_queries_have_the_programs_bytes(stores, tmp_path):
                 "extract", stores / "map", "--graph", "--scale", "3", "--error", "0.1", "--normals")
 
 
-def test_other_programs_read_what_was_saved(stores, tmp_path):
+def test_other_programs_read_saved_meshes(stores, tmp_path):
     """In world coordinates; the attributes are present, and faces are oriented as requested."""
     meshio = pytest.importorskip("meshio")
     mesh = isonest.open(stores / "v").isosurface(0.3, gradient_direction="ascent", vertex_error="deviation_bar")
@@ -97,7 +97,7 @@ def test_other_programs_read_what_was_saved(stores, tmp_path):
 
 
 @pytest.mark.parametrize("form", ["vtp", "stl", "obj"])
-def test_vtk_reads_what_was_saved(stores, tmp_path, form):
+def test_vtk_reads_saved_meshes(stores, tmp_path, form):
     io = {"vtp": ("vtkmodules.vtkIOXML", "vtkXMLPolyDataReader"), "stl": ("vtkmodules.vtkIOGeometry", "vtkSTLReader"),
           "obj": ("vtkmodules.vtkIOGeometry", "vtkOBJReader")}[form]
     reader = getattr(pytest.importorskip(io[0]), io[1])()
@@ -122,7 +122,7 @@ def test_saving_twice_and_from_threads_gives_the_same_bytes(stores, tmp_path):
     assert len({(tmp_path / f"{i}.vtp").read_bytes() for i in range(5)}) == 1
 
 
-def test_a_file_appears_whole_or_not_at_all(stores, tmp_path):
+def test_a_file_appears_only_when_complete(stores, tmp_path):
     store = isonest.open(stores / "v")
     mesh = store.isosurface(0.3)
     with pytest.raises(isonest.InvalidArgumentError, match=r"\.ply, \.stl"):
@@ -147,7 +147,7 @@ def test_a_file_appears_whole_or_not_at_all(stores, tmp_path):
     assert size - (tmp_path / "m.ply").stat().st_size > 12 * len(mesh.vertices)
 
 
-def test_the_store_of_a_mesh_is_not_replaced_by_it(tmp_path, noise):
+def test_a_mesh_cannot_overwrite_its_store(tmp_path, noise):
     isonest.preprocess(noise, tmp_path / "v.ply")
     mesh = isonest.open(tmp_path / "v.ply").isosurface(0.3)
     before = (tmp_path / "v.ply").read_bytes()
@@ -156,7 +156,7 @@ def test_the_store_of_a_mesh_is_not_replaced_by_it(tmp_path, noise):
     assert (tmp_path / "v.ply").read_bytes() == before
 
 
-def test_values_beyond_float32_are_refused_where_the_format_has_no_more(tmp_path):
+def test_values_beyond_float32_are_refused_by_float32_formats(tmp_path):
     volume = np.linspace(0, 1e300, 8 * 9 * 10).reshape(8, 9, 10)
     isonest.preprocess(volume, tmp_path / "x")
     mesh = isonest.open(tmp_path / "x").slice((1, 0, 0), 3)
@@ -166,7 +166,7 @@ def test_values_beyond_float32_are_refused_where_the_format_has_no_more(tmp_path
     assert not (tmp_path / "m.glb").exists()
 
 
-def test_a_mesh_is_saved_in_the_space_that_is_asked_for(tmp_path, noise):
+def test_a_mesh_is_saved_in_the_requested_space(tmp_path, noise):
     """By default in RAS if the axes are known. The program's bytes, with x and y negated from LPS to RAS."""
     isonest.preprocess(noise, tmp_path / "s", spacing=(2, 1, 0.5), origin=(30, 20, -10), frame="lps")
     store = isonest.open(tmp_path / "s")

@@ -52,7 +52,7 @@ def test_array_coordinates_are_those_along_the_axes(sheared, tmp_path):
             assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-5)
 
 
-def test_planes_and_points_of_the_array(sheared):
+def test_planes_and_points_are_in_array_coordinates(sheared):
     middle = (np.array([20, 22, 24]) - 1) / 2 * LENGTHS[::-1]
     normal = np.array([0.5, -0.2, 0.7])
     array = sheared.slice(tuple(normal), float(normal @ middle))

@@ -16,7 +16,7 @@ def store(store_path, noise):
     return isonest.open(store_path)
 
 
-def test_a_slice_of_a_plane_of_nodes_has_their_values(store, noise):
+def test_a_slice_through_nodes_has_their_values(store, noise):
     mesh = store.slice((1, 0, 0), 17)
     assert (mesh.vertices[:, 0] == 17).all()
     assert area(mesh.vertices, mesh.faces) == pytest.approx(32 * 26)
@@ -26,7 +26,7 @@ def test_a_slice_of_a_plane_of_nodes_has_their_values(store, noise):
     np.testing.assert_array_equal(mesh.values[whole], noise[17, y[whole], x[whole]])
 
 
-def test_a_slanted_slice_keeps_its_error(store, noise):
+def test_an_oblique_slice_is_within_its_error(store, noise):
     from scipy.ndimage import map_coordinates
     full = store.slice((1, 2, 3), 80.5)
     coarse = store.slice((1, 2, 3), 80.5, error=0.2)
@@ -59,7 +59,7 @@ def test_the_histogram_counts_every_value_once(store, noise, tmp_path):
     np.testing.assert_array_equal(h.counts, np.bincount((noise * 9).astype(np.int8).ravel() - int(h.edges[0])))
 
 
-def test_the_cubes_of_the_histogram_are_those_of_a_surface(store, noise):
+def test_the_cubes_of_the_histogram_are_those_of_the_surface(store, noise):
     h = store.histogram()
     k = len(h.cubes) // 2
     corners = [noise[a:noise.shape[0] - 1 + a, b:noise.shape[1] - 1 + b, c:noise.shape[2] - 1 + c]
@@ -68,7 +68,7 @@ def test_the_cubes_of_the_histogram_are_those_of_a_surface(store, noise):
     assert h.cubes[k] == pytest.approx(((low < h.edges[k]) & (high >= h.edges[k])).sum(), abs=2)
 
 
-def test_a_store_says_what_it_holds(store, noise, store_path):
+def test_properties_of_a_store(store, noise, store_path):
     assert store.path == store_path and store.file_bytes == store_path.stat().st_size
     assert store.range == (noise.min(), noise.max()) and not store.has_missing
     assert store.indicators == ["linf_bar", "linf_plus", "deviation_bar"]
@@ -77,7 +77,7 @@ def test_a_store_says_what_it_holds(store, noise, store_path):
     assert isonest.open(store_path.parent / "nan").range is None
 
 
-def test_a_unit_is_kept_and_distances_are_converted_to_it(store, noise, tmp_path):
+def test_the_unit_is_stored_and_distances_are_converted_to_it(store, noise, tmp_path):
     assert store.unit is None
     with pytest.raises(isonest.Error, match="a plain number|a number alone"):
         store.isosurface(0.3, distance="0.5mm")
@@ -99,7 +99,7 @@ def test_a_unit_is_kept_and_distances_are_converted_to_it(store, noise, tmp_path
     assert not (tmp_path / "none").exists()
 
 
-def test_the_axes_of_a_patient_are_kept(store, noise, tmp_path):
+def test_the_patient_axes_are_stored(store, noise, tmp_path):
     assert store.frame is None
     np.save(tmp_path / "v.npy", noise)
     for word, frame in (("ras", "RAS"), ("lps", "LPS"), ("LPS", "LPS")):
@@ -114,7 +114,7 @@ def test_the_axes_of_a_patient_are_kept(store, noise, tmp_path):
     assert not (tmp_path / "none").exists()
 
 
-def test_a_store_can_be_closed_and_sent_elsewhere(store):
+def test_a_store_can_be_closed_and_pickled(store):
     other = pickle.loads(pickle.dumps(store))
     with store:
         pass

@@ -25,7 +25,7 @@ def run(*arguments):
     return json.loads(done.stdout)
 
 
-def test_a_store_says_what_info_says(store, store_path):
+def test_a_store_has_the_properties_that_info_reports(store, store_path):
     said = run("info", store_path)
     assert (store.format, store.exact, store.chunk, store.compression, store.file_bytes) == tuple(
         said[name] for name in ("format", "exact", "chunk", "compression", "file_bytes"))
@@ -36,7 +36,7 @@ def test_a_store_says_what_info_says(store, store_path):
     assert len(ours) > 10 and store.analyses == []
 
 
-def test_a_good_store_passes_and_is_the_volume_it_was_made_from(store, noise, tmp_path):
+def test_a_good_store_passes_check_also_against_its_volume(store, noise, tmp_path):
     for more in ({"quick": True}, {}, {"deep": True}, {"source": noise}):
         report = store.check(**more)
         assert report.ok and report.failures == 0 and report.findings == [] and report.chunks > 0, more
@@ -94,7 +94,7 @@ def test_exported_values_and_indicators(store, store_path, noise, tmp_path):
     assert "deviation_bar" in caught.value.remedies[0] and not (tmp_path / "x.npy").exists()
 
 
-def test_a_study_is_the_table_of_the_program(store, store_path, tmp_path):
+def test_a_study_has_the_programs_table(store, store_path, tmp_path):
     fields = ["linf_bar", "deviation_bar", "lp:3_bar"]
     study = store.study(fields, norm=2, graph_distance=True, steps=4, least=0.01)
     run("study", store_path, "--fields", ",".join(fields), "--norm", "2", "--graph-distance", "--steps", "4",
@@ -152,7 +152,7 @@ def test_smoothing_keeps_an_edge_and_drops_noise():
     assert np.median(smoothed[:, 26] - smoothed[:, 21]) > 85
 
 
-def test_smoothing_of_arrays_files_and_stores_is_the_programs(store, store_path, noise, tmp_path):
+def test_smoothing_arrays_files_and_stores_gives_the_programs_result(store, store_path, noise, tmp_path):
     settings = dict(steps=2, tau=0.5, lambda_=1.0, threshold=0.05)
     np.save(tmp_path / "v.npy", noise)
     run("smooth", tmp_path / "v.npy", "--spacing", "0.5,1,2", "--steps", "2", "--tau", "0.5", "--lambda", "1",
@@ -169,7 +169,7 @@ def test_smoothing_of_arrays_files_and_stores_is_the_programs(store, store_path,
     isonest.smooth(noise, output=tmp_path / "ours.nrrd", replace=True, **settings)
 
 
-def test_what_cannot_be_smoothed_is_refused_before_the_work(noise, store, tmp_path):
+def test_invalid_smoothing_is_refused_before_any_work(noise, store, tmp_path):
     good = dict(steps=1, tau=1.0, lambda_=1.0)
     for wrong in (dict(steps=-1), dict(tau=0), dict(lambda_=0), dict(sigma=-1), dict(threshold=-1),
                   dict(snapshots=[2])):

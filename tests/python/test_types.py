@@ -1,4 +1,4 @@
-"""The type hints: those of the compiled module match it, and the package agrees with them."""
+"""Type hints: the stub matches the compiled module, and the package type-checks."""
 import ast
 import os
 import pathlib
@@ -16,7 +16,7 @@ def public(names):
     return {name for name in names if not name.startswith("_")}
 
 
-def test_the_stub_has_what_the_module_has():
+def test_the_stub_matches_the_module():
     tree = ast.parse((PACKAGE / "_core.pyi").read_text(encoding="utf-8"))
     classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
 

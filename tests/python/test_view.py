@@ -1,4 +1,4 @@
-"""store.view(): a program that serves the store as long as it is wanted, and no longer."""
+"""store.view(): the program serves the store until the view ends."""
 import gc
 import html.parser
 import json
@@ -49,7 +49,7 @@ def is_served(url):
 
 
 def is_gone(url):
-    """Waits as long as any machine should need to end a program."""
+    """Waits until the program has ended, long enough for a slow machine."""
     deadline = time.monotonic() + 30
     while is_served(url) and time.monotonic() < deadline:
         time.sleep(0.05)
@@ -79,7 +79,7 @@ def test_a_view_serves_the_store_until_it_is_closed(store):
 
 
 @needs_program
-def test_nobody_without_the_url_gets_the_data(store):
+def test_without_the_token_the_server_gives_no_data(store):
     with store.view(open=False) as view, pytest.raises(urllib.error.HTTPError) as caught:
         ask(view.url, "store", token=False)
     assert caught.value.code == 403
@@ -87,7 +87,7 @@ def test_nobody_without_the_url_gets_the_data(store):
 
 
 @needs_program
-def test_what_is_asked_for_reaches_the_program(store, store_path):
+def test_arguments_are_passed_to_the_program(store, store_path):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -96,7 +96,7 @@ def test_what_is_asked_for_reaches_the_program(store, store_path):
 
 
 @needs_program
-def test_a_view_ends_with_its_block_and_when_nothing_refers_to_it(store):
+def test_a_view_ends_with_its_block_or_when_garbage_collected(store):
     with pytest.raises(ZeroDivisionError), store.view(open=False) as view:
         raise ZeroDivisionError
     assert view.closed and not is_served(view.url)
@@ -200,7 +200,7 @@ def test_ctrl_c_ends_a_script_that_waits(store, store_path):
 
 
 @needs_program
-def test_errors_of_the_program_are_exceptions_of_fitting_kinds(store, store_path, tmp_path):
+def test_errors_of_the_program_raise_the_corresponding_exceptions(store, store_path, tmp_path):
     with pytest.raises(MemoryError) as caught:
         store.view(memory="1M", open=False)
     assert isinstance(caught.value, isonest.MemoryLimitError) and str(store_path) in str(caught.value)
@@ -223,7 +223,7 @@ def test_errors_of_the_program_are_exceptions_of_fitting_kinds(store, store_path
     assert caught.value.file == str(store_path)
 
 
-def test_arguments_that_make_no_sense_are_value_errors(store):
+def test_invalid_arguments_raise_value_error(store):
     for wrong in ({"port": -1}, {"port": 65536}, {"threads": -1}, {"height": 0}, {"memory": "lots"}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             store.view(open=False, **wrong)
@@ -245,7 +245,7 @@ def says(path):
     return fake(path, f'echo \'{{"url": "http://{path.parent.name}/"}}\'', "exec sleep 600")
 
 
-def test_where_the_program_is_looked_for(store, tmp_path, monkeypatch):
+def test_where_the_program_is_searched(store, tmp_path, monkeypatch):
     path = f"{tmp_path / 'path'}:{os.environ['PATH']}"
     monkeypatch.setenv("PATH", path)
     says(tmp_path / "path" / "isonest")
@@ -276,7 +276,7 @@ def test_where_the_program_is_looked_for(store, tmp_path, monkeypatch):
     assert len(caught.value.remedies) == 2
 
 
-def test_programs_that_are_not_what_they_should_be(store, tmp_path):
+def test_wrong_programs_raise_errors(store, tmp_path):
     told = {"error": {"kind": "invalid_argument", "message": "there is no command 'view'; see: isonest --help",
                       "file": "", "inside": "", "remedies": []}}
     old = fake(tmp_path / "old", f"cat <<'END'\n{json.dumps(told, indent=2)}\nEND", "exit 2")
@@ -300,7 +300,7 @@ class Frames(html.parser.HTMLParser):
         self.text += data
 
 
-def test_a_notebook_shows_a_frame_whatever_the_stores_name_is(tmp_path, noise):
+def test_a_notebook_shows_a_frame_for_any_store_name(tmp_path, noise):
     name = '"><script>&amp;.isonest'
     isonest.preprocess(noise, tmp_path / name)
     program = fake(tmp_path / "program", 'echo \'{"url": "http://127.0.0.1:1/?token=a&b"}\'', "exec sleep 600")
@@ -313,7 +313,7 @@ def test_a_notebook_shows_a_frame_whatever_the_stores_name_is(tmp_path, noise):
     assert [tag for tag, _ in closed.found] == ["p"] and closed.text == repr(view) and "closed" in closed.text
 
 
-def test_a_browser_is_opened_outside_of_notebooks_alone(store, tmp_path, monkeypatch):
+def test_a_browser_is_opened_only_outside_notebooks(store, tmp_path, monkeypatch):
     program = says(tmp_path / "fake" / "isonest")
     opened = []
     monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or True)
@@ -338,7 +338,7 @@ def test_a_browser_is_opened_outside_of_notebooks_alone(store, tmp_path, monkeyp
 
 
 @needs_program
-def test_a_build_tree_has_the_program_beside_the_package(store, monkeypatch):
+def test_in_a_build_tree_the_program_is_next_to_the_package(store, monkeypatch):
     if not pathlib.Path(PROGRAM).resolve().is_relative_to(_view._BESIDE.parents[3]):
         pytest.skip("the package is not that of the program's build tree")
     monkeypatch.delenv("ISONEST")

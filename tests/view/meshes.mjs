@@ -1,7 +1,7 @@
-// What the tests have to know of meshes: read as PLY, and placed as `isonest picture` places them.
+// Meshes for the tests: reads PLY files, and computes the camera that `isonest picture` uses.
 import { readFile } from "node:fs/promises";
 
-/** Binary, little-endian, with x, y, z as the first three float properties. */
+/** Reads a binary little-endian PLY file with float x, y, z as the first properties. */
 export async function readPly(path) {
   const bytes = await readFile(path);
   const begin = bytes.indexOf("end_header\n") + "end_header\n".length;
@@ -14,7 +14,7 @@ export async function readPly(path) {
   return {
     vertices,
     at,
-    /** The vertex that is furthest in a direction. */
+    /** The vertex that is farthest in a direction. */
     nearestTo(direction) {
       let best = at(0);
       for (let i = 1; i < vertices; ++i) if (dot(at(i), direction) > dot(best, direction)) best = at(i);
@@ -23,10 +23,10 @@ export async function readPly(path) {
   };
 }
 
-const kFieldOfView = 30; // degrees; the page's
-const kMargin = 0.05; // of the picture, on each side
+const kFieldOfView = 30; // degrees, as in the page
+const kMargin = 0.05; // on each side, relative to the picture
 
-/** The page's camera for what `isonest picture --view` shows: tools/drawing/picture_frame.cpp, gl_canvas.cpp. */
+/** The camera for the picture of `isonest picture --view`: see tools/drawing/picture_frame.cpp, gl_canvas.cpp. */
 export function pictureView(mesh, view, [width, height]) {
   const towardEye = unit(view);
   const right = unit(cross([0, 0, 1], towardEye));

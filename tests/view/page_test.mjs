@@ -1,8 +1,8 @@
-// The page of `isonest view` in a real Chromium. usage: page_test.mjs ISONEST
+// Tests the page of `isonest view` in Chromium. usage: page_test.mjs ISONEST
 //
-// The store is a bucky ball of 65^3. What the page shows is compared with what the command line makes: `isonest extract` of the
-// command that the page prints, `isonest picture`, and the volume's own values.
-// Exit code 77: there is no browser to drive, and why.
+// The store is a bucky ball of 65^3 nodes. The page is compared with the results of commands (`isonest extract` with
+// the displayed command, `isonest picture`) and with the values of the volume.
+// Exit code 77 with a message: no browser is available.
 import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
 import { once } from "node:events";
@@ -22,7 +22,7 @@ if (reason) {
 
 const kNodes = 65;
 const kWander = Number(process.env.ISONEST_VIEW_SECONDS ?? 5);
-const kTimeout = 240_000; // milliseconds, of a test but the last, on a busy machine
+const kTimeout = 240_000; // milliseconds per test except the last, for a busy machine
 const test = (name, body, timeout = kTimeout) => anyTest(name, { timeout }, body);
 let folder, store, server, browser, values;
 
@@ -42,11 +42,11 @@ after(async () => {
   await browser?.close();
   if (server) assert.equal((await server.end()).code, 0, "Ctrl-C ends the server cleanly");
   await folder?.end();
-  // What a test that failed left running does not keep this program from ending.
+  // Ends this program even if a failed test has left something running.
   setTimeout(() => process.exit(process.exitCode ?? 1), 10_000).unref();
 });
 
-/** Runs `use` on a page with this fragment, and then looks for what must not have happened. */
+/** Runs `use` on a page with this fragment, then checks that no faults occurred. */
 async function onPage(fragment, use, options) {
   const opened = await openPage(browser, `${server.url}#${fragment}`, options);
   try {
@@ -66,7 +66,7 @@ const setRange = (page, id, value) =>
   }, String(value));
 const open = (page, id) => page.$eval(`#${id}`, (section) => (section.open = true));
 
-/** The canvas alone, without what is written over it. */
+/** The pixels of the canvas, without text drawn over it. */
 async function canvas(page) {
   await page.$eval(".overlay", (overlay) => overlay.setAttribute("visibility", "hidden"));
   const picture = await readPng(await page.locator("#canvas").screenshot());
@@ -83,17 +83,17 @@ function differing(a, b, by = 24) {
   return count / (a.width * a.height);
 }
 
-/** The command that the page prints, with another output. */
+/** The command displayed by the page, with another output. */
 async function commandOf(page, output) {
   await open(page, "export");
   await page.waitForFunction(() => /^isonest /.test(document.querySelector("#command").textContent));
   const text = await page.$eval("#command", (element) => element.textContent);
-  const [name, ...parts] = text.trim().split(" "); // no part of these has a space
+  const [name, ...parts] = text.trim().split(" "); // no argument contains a space
   assert.equal(name, "isonest");
   return [...parts.slice(0, parts.lastIndexOf("-o")), "-o", output];
 }
 
-test("the first picture has the surface of the suggested isovalue, and says how good it is", async () => {
+test("the page starts with the surface of the suggested isovalue and its error bound", async () => {
   await onPage("", async (page) => {
     const { histogram } = JSON.parse(await run(program, "info", store, "--histogram", "--json"));
     assert.equal((await state(page)).iso, histogram.suggested[0].isovalue);
@@ -105,7 +105,7 @@ test("the first picture has the surface of the suggested isovalue, and says how 
   });
 });
 
-test("of a store elsewhere the page first shows what comes with its opening", async (t) => {
+test("for a remote store, the page first shows the levels fetched on opening", async (t) => {
   const script = new URL("../support/range_server.py", import.meta.url).pathname;
   const ranges = spawn("python3", [script, folder.path], { stdio: ["ignore", "pipe", "inherit"] });
   let far = null;
@@ -137,7 +137,7 @@ test("of a store elsewhere the page first shows what comes with its opening", as
   }
 });
 
-test("the slider changes the mesh, and every number on it is the server's", async () => {
+test("the slider changes the mesh, and all displayed numbers are the server's", async () => {
   await onPage("iso=0.5&target=triangles&triangles=20000&moving=20000", async (page) => {
     const before = await header(page);
     await setRange(page, "iso", 0.8);
@@ -171,7 +171,7 @@ for (const [aim, fragment, exact] of [
   });
 }
 
-test("the camera decides how fine the surface is at rest: within a distance that is not seen, or from near by pixels", async () => {
+test("at rest the camera determines the resolution: within an invisible distance, or by pixels when near", async () => {
   await onPage("iso=0.5&pixels=12&moving=1000", async (page) => {
     const far = await header(page);
     assert.equal(far.stop, "distance");
@@ -200,7 +200,7 @@ test("the camera decides how fine the surface is at rest: within a distance that
   });
 });
 
-test("a distance is kept and told", async () => {
+test("a requested distance is kept and displayed", async () => {
   await onPage("iso=0.5&target=distance&distance=0.5", async (page) => {
     const shown = await header(page);
     assert.equal(shown.stop, "distance");
@@ -210,7 +210,7 @@ test("a distance is kept and told", async () => {
   });
 });
 
-test("what is clipped is what isonest extract gives in that box, and the URL has it", async () => {
+test("the clipped mesh is that of isonest extract in the box, and the URL contains the box", async () => {
   await onPage("iso=0.5&target=full", async (page) => {
     const whole = (await header(page)).triangles;
     await open(page, "clipping");
@@ -265,7 +265,7 @@ test("dragging on a slice with the right button changes window and level", async
   });
 });
 
-test("an oblique slice has the data's values: those of isonest slice", async () => {
+test("an oblique slice has the values of isonest slice", async () => {
   await onPage("surface=0&slice-o=1,3&turn=30&tilt=20", async (page) => {
     const shown = await header(page, "o");
     await open(page, "export");
@@ -275,13 +275,13 @@ test("an oblique slice has the data's values: those of isonest slice", async () 
   });
 });
 
-test("under the cursor are the isovalue, the place, and the nearest node's value", async () => {
+test("the cursor shows isovalue, position and the nearest node's value", async () => {
   await onPage("iso=0.5&target=full", async (page) => {
     const mesh = join(folder.path, "full.ply");
     await run(program, ...(await commandOf(page, mesh)));
     const { eye, lookAt } = await state(page);
     const toEye = eye.map((part, i) => part - lookAt[i]);
-    const place = (await readPly(mesh)).nearestTo(toEye); // nothing hides it
+    const place = (await readPly(mesh)).nearestTo(toEye); // the vertex nearest to the eye is visible
     const [x, y] = await page.evaluate((at) => window.isonest.project(at), place);
     await page.locator("#canvas").hover({ position: { x, y } });
     await page.waitForFunction(() => window.isonest.value() !== null);
@@ -295,7 +295,7 @@ test("under the cursor are the isovalue, the place, and the nearest node's value
   });
 });
 
-test("two points measure the distance between them", async () => {
+test("the distance between two points is measured", async () => {
   await onPage("surface=0&slice-z=1,32", async (page) => {
     await open(page, "measuring");
     await page.click("#measure");
@@ -310,7 +310,7 @@ test("two points measure the distance between them", async () => {
   });
 });
 
-test("the mesh that is saved is the one of the command that is printed, byte by byte", async () => {
+test("the saved mesh is byte for byte that of the displayed command", async () => {
   for (const [fragment, format] of [["target=error&error=0.03", "ply"], ["target=full&box=10,10,10,50,50,50", "stl"], ["target=screen&pixels=8", "obj"], ["target=screen&pixels=1", "ply"]]) {
     await onPage(`iso=0.6&${fragment}`, async (page) => {
       const mesh = join(folder.path, `command.${format}`);
@@ -324,7 +324,7 @@ test("the mesh that is saved is the one of the command that is printed, byte by 
   }
 });
 
-test("the picture that is saved is the one that is seen", async () => {
+test("the saved picture is the displayed one", async () => {
   await onPage("iso=0.5&slice-x=1,32", async (page) => {
     await open(page, "export");
     const [download] = await Promise.all([page.waitForEvent("download"), page.click("#export-picture")]);
@@ -333,7 +333,7 @@ test("the picture that is saved is the one that is seen", async () => {
   });
 });
 
-test("the picture is that of isonest picture from the same place", async () => {
+test("the picture matches isonest picture from the same viewpoint", async () => {
   const mesh = join(folder.path, "picture.ply");
   const png = join(folder.path, "picture.png");
   await run(program, "extract", store, "--iso", "0.5", "-o", mesh);
@@ -341,7 +341,7 @@ test("the picture is that of isonest picture from the same place", async () => {
   const { eye, lookAt } = pictureView(await readPly(mesh), [1, -1.6, 0.9], size);
   await run(program, "picture", mesh, "--view=1,-1.6,0.9", "--plain", "--size", size.join("x"), "-o", png);
   const fragment = `iso=0.5&target=full&projection=orthographic&outline=0&camera=${[...eye, ...lookAt].join(",")}`;
-  // The panel takes the rest of the window.
+  // Resizes the window, because the panel takes part of its width.
   await onPage(fragment, async (page) => {
     const { width, height } = await page.locator("#canvas").boundingBox();
     const { width: w, height: h } = page.viewportSize();
@@ -354,7 +354,7 @@ test("the picture is that of isonest picture from the same place", async () => {
   });
 });
 
-test("the URL's fragment restores the view, and back takes a step back", async () => {
+test("the URL's fragment restores the view, and the back button undoes a step", async () => {
   const fragment = "iso=0.62&target=error&error=0.04&slice-y=1,20&slice-o=1,-3&turn=10&tilt=60&window=0.1,0.7&map=magma&box=5,5,5,60,60,60&theme=dark&projection=orthographic";
   let seen;
   await onPage(fragment, async (page) => {
@@ -376,7 +376,7 @@ test("the URL's fragment restores the view, and back takes a step back", async (
   });
 });
 
-test("nonsense in the fragment is left out", async () => {
+test("invalid entries in the fragment are ignored", async () => {
   await onPage("iso=NaN&box=3,2,1,0,0,0&camera=1,2&slice-z=1,x&triangles=-5&map=nothing&target=all&pixels=0&window=2,1", async (page) => {
     const view = await state(page);
     assert.equal(view.box, null);
@@ -386,7 +386,7 @@ test("nonsense in the fragment is left out", async () => {
   });
 });
 
-test("the keyboard alone does everything", async () => {
+test("everything can be done with the keyboard", async () => {
   await onPage("iso=0.5", async (page) => {
     const before = await state(page);
     const focused = () => page.evaluate(() => document.activeElement?.id ?? "");
@@ -403,7 +403,7 @@ test("the keyboard alone does everything", async () => {
     await page.keyboard.press("h");
     assert.ok(await page.$eval("#help", (dialog) => dialog.open));
     await page.keyboard.press("Escape");
-    // Every control of the panel can be reached, the folded sections too.
+    // Tab reaches every control of the panel, including collapsed sections.
     const reached = new Set();
     for (let i = 0; i < 120; ++i) {
       await page.keyboard.press("Tab");
@@ -418,10 +418,10 @@ test("the keyboard alone does everything", async () => {
   });
 });
 
-test("a screen reader hears names, and what is shown", async () => {
+test("screen readers get the names of controls and the state of the surface", async () => {
   await onPage("iso=0.5&target=full", async (page) => {
     const { triangles } = await header(page);
-    // A coarser surface that was shown for a while on the way is announced too; the last words are the final surface's.
+    // Coarser surfaces shown meanwhile are announced too; the last announcement is that of the final surface.
     const expected = `Full resolution. ${triangles.toLocaleString("en")} triangles.`;
     await page.waitForFunction((text) => document.querySelector("#live").textContent === text, expected);
     const unnamed = await page.$$eval("input, select, button", (all) =>
@@ -432,7 +432,7 @@ test("a screen reader hears names, and what is shown", async () => {
 });
 
 for (const [what, width, height, deviceScaleFactor] of [["a phone's width", 360, 740, 2], ["200 % of a small screen", 640, 400, 2]]) {
-  test(`at ${what} nothing is cut off, and the isovalue is in reach`, async () => {
+  test(`at ${what} nothing is cut off, and the isovalue is reachable`, async () => {
     await onPage("iso=0.5", async (page) => {
       assert.ok((await page.evaluate(() => document.documentElement.scrollWidth)) <= width);
       const box = await page.locator("#iso").boundingBox();
@@ -447,7 +447,7 @@ for (const [what, width, height, deviceScaleFactor] of [["a phone's width", 360,
 }
 
 for (const scheme of ["light", "dark"]) {
-  test(`${scheme} as the system is, texts have a contrast of 4.5`, async () => {
+  test(`in the system's ${scheme} theme, text has a contrast of 4.5`, async () => {
     await onPage("iso=0.5&slice-z=1,32", async (page) => {
       assert.equal(await page.evaluate(() => document.documentElement.dataset.theme), scheme);
       for (const id of ["slices", "clipping", "measuring", "export", "view", "memory"]) await open(page, id);
@@ -458,7 +458,7 @@ for (const scheme of ["light", "dark"]) {
   });
 }
 
-/** In the page: WCAG's contrast of each text with what lies behind it. */
+/** Runs in the page: the WCAG contrast of each text with its background. */
 function faintTexts() {
   const context = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
   const over = (color, below) => {
@@ -490,7 +490,7 @@ function faintTexts() {
   return faint;
 }
 
-/** 20^3 int64 or uint16 numbers, as NumPy writes them: a cube of 7 in 1. */
+/** A .npy file of 20^3 int64 or uint16 numbers: a cube of 7 surrounded by 1. */
 function labelVolume(kind = "<i8") {
   const header = `{'descr': '${kind}', 'fortran_order': False, 'shape': (20, 20, 20)}`.padEnd(117) + "\n";
   const [numbers, one, seven] = kind === "<i8" ? [new BigInt64Array(20 ** 3), 1n, 7n] : [new Uint16Array(20 ** 3), 1, 7];
@@ -501,7 +501,7 @@ function labelVolume(kind = "<i8") {
   return Buffer.concat([Buffer.from("\x93NUMPY\x01\x00v\x00", "latin1"), Buffer.from(header), Buffer.from(numbers.buffer)]);
 }
 
-test("of labels the one that is typed is shown, and nothing that needs values", async () => {
+test("for labels, the typed label is shown, and controls for values are hidden", async () => {
   const volume = join(folder.path, "labels.npy");
   const labels = join(folder.path, "labels.isonest");
   await writeFile(volume, labelVolume());
@@ -525,7 +525,7 @@ test("of labels the one that is typed is shown, and nothing that needs values", 
   await its.end();
 });
 
-for (const kind of ["<i8", "<u2"]) test(`a switch shows the smooth surface of a label, ${kind}, and the URL has it`, async () => {
+for (const kind of ["<i8", "<u2"]) test(`a switch shows smooth labels (${kind}), also in the URL`, async () => {
   const volume = join(folder.path, "smooth.npy");
   const labels = join(folder.path, "smooth.isonest");
   await writeFile(volume, labelVolume(kind));
@@ -550,7 +550,7 @@ for (const kind of ["<i8", "<u2"]) test(`a switch shows the smooth surface of a 
   assert.ok(Number(/^Smooth, within ([0-9.e-]+) µm of the faces of the voxels$/.exec(told)[1]) >= shown.smooth_bound, told);
   assert.ok(differing(plain, await canvas(page)) > 0.001, "the smooth surface looks as the other one");
   assert.ok(!(await page.isVisible("#target")));
-  // The box does not cut it, and is told so.
+  // The box does not clip a smooth surface, and the panel says so.
   await open(page, "clipping");
   await page.check("#box-on");
   await setRange(page, "box-3", 10);
@@ -562,9 +562,9 @@ for (const kind of ["<i8", "<u2"]) test(`a switch shows the smooth surface of a 
   const again = await openPage(browser, page.url());
   await idle(again.page);
   assert.deepEqual((await header(again.page)).smooth_bound, shown.smooth_bound);
-  // What comes before the page has written its first URL is no step of its own.
+  // Waits for the page's first URL, as earlier changes are not separate history entries.
   await again.page.waitForTimeout(1500);
-  // With how many triangles the other surface comes depends on the target that is chosen by then.
+  // Waits for the bound only: the number of triangles depends on the target chosen meanwhile.
   const becomes = (bound) => again.page.waitForFunction((b) => window.isonest?.header()?.smooth_bound === b, bound);
   await again.page.uncheck("#smooth");
   await becomes(null);
@@ -579,7 +579,7 @@ for (const kind of ["<i8", "<u2"]) test(`a switch shows the smooth surface of a 
   await its.end();
 });
 
-test("a label that has a name is named, and drawn in its colour", async () => {
+test("a label is shown with its name and colour", async () => {
   const volume = join(folder.path, "named.npy");
   const table = join(folder.path, "named.txt");
   const named = join(folder.path, "named.isonest");
@@ -589,7 +589,7 @@ test("a label that has a name is named, and drawn in its colour", async () => {
   const its = await startServer(program, named, "--port", "0");
   const { page, faults, close } = await openPage(browser, `${its.url}#iso=7`);
   const says = (words) => page.waitForFunction((text) => document.querySelector("#iso-help").textContent.includes(text), words);
-  /** The part of the picture that is red, whatever light falls on it. */
+  /** The fraction of red pixels, in any shade. */
   const red = async () => {
     await idle(page);
     const { data, width, height, channels } = await canvas(page);
@@ -611,7 +611,7 @@ test("a label that has a name is named, and drawn in its colour", async () => {
   await its.end();
 });
 
-test("data in a plane are shown as they are, with their bound and no surface", async () => {
+test("data in a plane are shown with their bound and without a surface", async () => {
   const volume = join(folder.path, "plane.raw");
   const plane = join(folder.path, "plane.isonest");
   await writeFile(volume, Buffer.from(Uint8Array.from({ length: 40 * 30 }, (_, i) => 100 + 90 * Math.sin(i % 40) * Math.cos(i / 40))));
@@ -639,7 +639,7 @@ test("without WebGL the page says so", async () => {
   }
 });
 
-test("a server that is gone is told, and the page goes on when it is back", async () => {
+test("the page reports a lost server and continues when it is back", async () => {
   const first = await startServer(program, store, "--port", "0");
   const { port } = new URL(first.url);
   const { page, close } = await openPage(browser, `${first.url}#iso=0.5`);
@@ -658,7 +658,7 @@ test("a server that is gone is told, and the page goes on when it is back", asyn
   await second.end();
 });
 
-test("a store that was replaced, or cut off, is told with the way out", async () => {
+test("the page reports a replaced or truncated store with a remedy", async () => {
   for (const how of ["replaced", "cut off"]) {
     const copy = join(folder.path, "copy.isonest");
     await copyFile(store, copy);
@@ -680,7 +680,7 @@ test("a store that was replaced, or cut off, is told with the way out", async ()
   }
 });
 
-test("what the server refuses is told in its words, with the way out", async () => {
+test("the page shows the server's error messages with their remedies", async () => {
   const { page, close } = await openPage(browser, `${server.url}#iso=0.5`);
   await idle(page);
   const body = JSON.stringify({ error: { kind: "limit", message: "the mesh is too large; allow a larger error", remedies: [{ kind: "larger_error", value: "", text: "allow a larger error" }] } });
@@ -696,7 +696,7 @@ test("what the server refuses is told in its words, with the way out", async () 
   await close();
 });
 
-test("whoever has no token is refused, and told what to open", async () => {
+test("requests without a token are refused with instructions", async () => {
   const its = await startServer(program, store, "--port", "0", "--token");
   const { page, faults, close } = await openPage(browser, `${its.url}#iso=0.5`);
   await idle(page);
@@ -716,7 +716,7 @@ test(`${kWander} seconds of random input leave memory bounded and nothing broken
     console.log(JSON.stringify(seen));
     assert.ok(seen.actions > 5, `only ${seen.actions} actions`);
     assert.ok(seen.mostServer <= memory, `the server's heap has grown to ${seen.mostServer} bytes`);
-    // A triangle of a surface takes 12 bytes of indices and half a vertex, 12 each; there are five meshes.
+    // A triangle takes 12 bytes of indices and half a vertex of 12 bytes, so less than 24; there are five meshes.
     assert.ok(seen.mostMeshes <= 5 * 400_000 * 24, `the page's meshes have grown to ${seen.mostMeshes} bytes`);
     assert.ok(seen.mostHeap <= 300e6, `the page's heap has grown to ${seen.mostHeap} bytes`);
     assert.equal(await page.evaluate(() => window.isonest.banner()), null);

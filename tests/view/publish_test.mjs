@@ -1,7 +1,7 @@
-// What `isonest publish` writes, in a real Chromium, from a server that knows nothing but files. usage: publish_test.mjs ISONEST
+// Tests sites written by `isonest publish` in Chromium, from a plain file server. usage: publish_test.mjs ISONEST
 //
-// The meshes that the page shows are compared, byte by byte, with the answers of `isonest view`.
-// Exit code 77: there is no browser to drive, or the program writes no sites, and why.
+// The meshes shown by the page are compared byte by byte with the answers of `isonest view`.
+// Exit code 77 with a message: no browser is available, or the program cannot write sites.
 import assert from "node:assert/strict";
 import { readFile, writeFile } from "node:fs/promises";
 import { dirname, join } from "node:path";
@@ -20,13 +20,13 @@ if (reason) {
 
 const kBudget = 256 * 2 ** 20;
 const kWander = Number(process.env.ISONEST_VIEW_SECONDS ?? 5);
-/** A large store to wander in, instead of the test's own. */
+/** A large store for the random input, in place of the test's own. */
 const kLarge = process.env.ISONEST_PUBLISHED_STORE;
 const kTimeout = 240_000;
 const test = (name, body, timeout = kTimeout) => anyTest(name, { timeout }, body);
 let folder, store, labels, view, site, browser;
 
-/** Writes a folder, and serves it. */
+/** Publishes a site and serves it. */
 async function publish(name, stores, options = [], how = {}) {
   const path = join(folder.path, name);
   await run(program, "publish", ...stores, "-o", path, "--force", ...options);
@@ -55,7 +55,7 @@ after(async () => {
 });
 
 const header = (page) => page.evaluate(() => window.isonest.header());
-/** The page shows its store. */
+/** Waits until the page shows its store. */
 async function ready(page) {
   await page.waitForFunction(() => window.isonest || document.querySelector("#banner:not([hidden])"), undefined, { timeout: 120_000 });
   if (!(await page.evaluate(() => Boolean(window.isonest)))) throw new Error(`the page says: ${await banner(page)}`);
@@ -69,7 +69,7 @@ async function setIso(page, value) {
   }, String(value));
 }
 
-/** Its policy has stopped nothing. */
+/** Collects violations of the content security policy. */
 async function watchPolicy(context) {
   await context.addInitScript(() => {
     window.violations = [];
@@ -77,7 +77,7 @@ async function watchPolicy(context) {
   });
 }
 
-/** The worker's answer to a request, with what the server of `isonest view` answers. Bytes that are times or counts are left out. */
+/** The answers of the worker and of the server of `isonest view` to a request, without times and counts. */
 async function answers(page, target) {
   const mine = await page.evaluate(async ({ wanted, memory }) => {
     const { stores } = await (await fetch("site.json")).json();
@@ -96,7 +96,7 @@ async function answers(page, target) {
   const response = await fetch(new URL(`api/${target}`, view.url));
   return [{ status: mine.status, bytes: Buffer.from(mine.bytes), message: mine.message }, { status: response.status, bytes: Buffer.from(await response.arrayBuffer()) }];
 }
-/** A message's header, without what is measured, and its sections. */
+/** A message's header, without measured values, and its sections. */
 function partsOf(bytes) {
   assert.equal(bytes.toString("latin1", 0, 4), "ISOV");
   const length = bytes.readUInt32LE(8);
@@ -131,7 +131,7 @@ test("every mesh has the bytes that isonest view sends", async () => {
   await close();
 });
 
-test("the page shows what isonest view shows, asks its own server alone, and its policy stops nothing", async () => {
+test("the page shows what isonest view shows, contacts only its own server, and complies with its policy", async () => {
   const fragment = "#iso=0.5&target=error&error=0.05&slice-z=1,20";
   const theirs = await openPage(browser, view.url + fragment);
   await idle(theirs.page);
@@ -144,7 +144,7 @@ test("the page shows what isonest view shows, asks its own server alone, and its
   await ready(page);
   const strip = ({ seconds: _a, chunks_read: _b, bytes_read: _c, ...rest }) => rest;
   assert.deepEqual(strip(await header(page)), strip(await header(theirs.page)));
-  // A slice stays as fine as its first mesh if that is fine enough, and how fine that is depends on what was asked before it.
+  // A slice keeps the resolution of its first mesh if that is fine enough, and that depends on earlier requests.
   const [slice, other] = [await page.evaluate(() => window.isonest.header("z")), await theirs.page.evaluate(() => window.isonest.header("z"))];
   assert.deepEqual([slice.origin, slice.step, slice.value_origin, slice.value_step], [other.origin, other.step, other.value_origin, other.value_step]);
   for (const { error_bound: bound, triangles } of [slice, other]) assert.ok(bound <= 0.003 && triangles > 1000, `${bound}, ${triangles}`);
@@ -163,7 +163,7 @@ test("the page shows what isonest view shows, asks its own server alone, and its
   await theirs.close();
 });
 
-test("the policy lets nothing else be asked", async () => {
+test("the policy blocks all other requests", async () => {
   const other = await serveFiles(folder.path, { headers: kShared });
   const context = await browser.newContext();
   await watchPolicy(context);
@@ -177,7 +177,7 @@ test("the policy lets nothing else be asked", async () => {
   await other.end();
 });
 
-test("of several stores a link chooses one", async () => {
+test("a link chooses one of several stores", async () => {
   const several = await publish("several", [store, labels], ["--title", "Bucky", "--title", "Ball"]);
   const context = await browser.newContext();
   const page = await context.newPage();
@@ -193,7 +193,7 @@ test("of several stores a link chooses one", async () => {
   await several.end();
 });
 
-test("a store on another server is shown if that lets pages of others read it; else the page says what is wrong", async () => {
+test("a store on another server is shown if CORS permits; otherwise the page explains the problem", async () => {
   const data = await serveFiles(folder.path, { headers: kShared });
   const linked = await publish("linked", [store], ["--link", data.url]);
   const opened = await browser.newContext();
@@ -224,7 +224,7 @@ test("a store on another server is shown if that lets pages of others read it; e
   }
 });
 
-test("a server that cannot answer now is asked again, for as long as it says and not for ever", async () => {
+test("requests to a busy server are repeated after the time it names, a limited number of times", async () => {
   let left = 0;
   let wait = null;
   let status = 503;
@@ -253,7 +253,7 @@ test("a server that cannot answer now is asked again, for as long as it says and
     assert.equal(await page.evaluate(() => window.isonest.banner()), null);
     assert.equal(left, 0);
     for (let i = 1; i < count && count === 2; ++i) assert.ok(times[i] - times[i - 1] >= 990, `asked again after ${times[i] - times[i - 1]} ms`);
-    // Ranges, too, while the page is open.
+    // The same for range requests while the page is open.
     [left, status, wait] = [3, 503, null];
     await setIso(page, 0.61);
     await idle(page);
@@ -271,7 +271,7 @@ test("a server that cannot answer now is asked again, for as long as it says and
   await busy.end();
 });
 
-test("a closed tab ends what was asked for", async () => {
+test("closing the tab cancels its requests", async () => {
   const slow = await publish("slow", [store], [], { rate: 20_000 });
   const context = await browser.newContext();
   const page = await context.newPage();
@@ -286,7 +286,7 @@ test("a closed tab ends what was asked for", async () => {
   await slow.end();
 });
 
-test("stores that are none, damaged or cut off end in a message", async () => {
+test("invalid, damaged and truncated stores give a message", async () => {
   const its = await publish("hostile", [store]);
   const file = join(folder.path, "hostile", "stores", "bucky.isonest");
   const whole = await readFile(file);
@@ -314,7 +314,7 @@ test("stores that are none, damaged or cut off end in a message", async () => {
   await its.end();
 });
 
-test(`${kWander} seconds of random input leave memory within what the page names`, async () => {
+test(`${kWander} seconds of random input keep memory within the displayed budget`, async () => {
   const wide = kLarge ? await publish("large", [kLarge]) : site;
   const { page, faults, close } = await openPage(browser, `${wide.url}${kLarge ? "" : "#iso=0.5&most=400000"}`);
   await ready(page);

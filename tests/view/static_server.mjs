@@ -1,4 +1,4 @@
-// A server of files as any web server is one: ranges, media types, and nothing that runs. It counts what it is asked.
+// A plain web server for files, with ranges and media types. It records the requests.
 import { createReadStream } from "node:fs";
 import { readFile, stat } from "node:fs/promises";
 import { createServer } from "node:http";
@@ -21,13 +21,14 @@ function* piecesOf(bytes) {
 }
 
 /**
- * Serves `folder`; with .url, .requests (a list of {method, path, range, host, closed}), and end(). `headers`: of all answers;
- * `ranges`: whether it knows them; `compressed`: whether files of known types are sent as gzip; `delay`: milliseconds before each answer; `rate`: bytes per second of all answers together;
- * `handle(request, response)`: true if it has answered in its place.
+ * Serves `folder`. Returns .url, .requests (a list of {method, path, range, host, closed}), and end(). `headers`: added
+ * to all answers; `ranges`: supports range requests; `compressed`: sends files of known types as gzip; `delay`:
+ * milliseconds before each answer; `rate`: bytes per second of all answers together; `handle(request, response)`:
+ * returns true if it has answered the request itself.
  */
 export async function serveFiles(folder, { headers = {}, ranges = true, compressed = false, delay = 0, rate = 0, handle } = {}) {
   const requests = [];
-  let free = 0; // when the line is
+  let free = 0; // time at which the simulated line is free
   const pass = async (bytes) => {
     if (rate === 0) return;
     free = Math.max(free, Date.now()) + (1000 * bytes) / rate;

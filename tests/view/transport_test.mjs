@@ -1,9 +1,9 @@
-// The page where no server answers: everything comes from a worker, by the messages of tools/view/web/README.md.
+// Tests the page without a server: all data come from a worker, with the messages of tools/view/web/README.md.
 // usage: transport_test.mjs ISONEST
 //
-// The worker here is a stand-in: it passes requests on to `isonest view`, and fails where it is told to. So the page's own part is
-// tested by itself. publish_test.mjs has the real one.
-// Exit code 77: there is no browser to drive, and why.
+// The worker is a stand-in that passes requests on to `isonest view` and fails on demand, so that the page is tested by
+// itself. publish_test.mjs tests the real worker.
+// Exit code 77 with a message: no browser is available.
 import assert from "node:assert/strict";
 import { mkdir, readFile, writeFile } from "node:fs/promises";
 import { join } from "node:path";
@@ -36,7 +36,7 @@ const kWorker = `
       fetch("cancelled?" + data.id);
     } else {
       if (mode === "dies" && data.target.includes("iso=0.7")) return setTimeout(() => { throw new Error("out of memory"); });
-      if (mode === "small") { // its memory is too small for more than some triangles, however they are asked for
+      if (mode === "small") { // its memory suffices only for "most" triangles
         const query = new URLSearchParams(data.target.split("?")[1]);
         const most = new URL(self.lastUrl).searchParams.get("most");
         if (/^(surface|slice)/.test(data.target) && !(Number(query.get("triangles") ?? Infinity) <= Number(most))) {
@@ -108,7 +108,7 @@ async function setIso(page, value) {
 }
 const asked = (name) => site.requests.filter(({ path }) => path.startsWith(`/${name}?`)).map(({ path }) => Object.fromEntries(new URLSearchParams(path.split("?")[1])));
 
-test("the mesh is the server's, the store's place comes from the list, and nothing is there that needs a server", async () => {
+test("the mesh is the server's, the store's URL is from the list, and no control needs a server", async () => {
   await writeList([description("bucky", { description: "A ball.", license: "CC0" })]);
   const fragment = "#iso=0.5&target=error&error=0.05";
   const theirs = await openPage(browser, server.url + fragment);
@@ -130,7 +130,7 @@ test("the mesh is the server's, the store's place comes from the list, and nothi
   await theirs.close();
 });
 
-test("the mesh is saved by the page: as PLY, STL and GLB, with the places that are shown", async () => {
+test("the page saves the mesh as PLY, STL and GLB with the displayed positions", async () => {
   await writeList([description("bucky")]);
   const { page, faults, close } = await openPage(browser, `${site.url}#iso=0.5&target=error&error=0.05`);
   await idle(page);
@@ -166,7 +166,7 @@ test("the mesh is saved by the page: as PLY, STL and GLB, with the places that a
   await close();
 });
 
-test("several stores are listed, links name one of them and nothing else, and the fragment is the view", async () => {
+test("several stores are listed, links contain only a store's name, and the fragment is the view", async () => {
   await writeList([description("bucky"), description("other", { license: "CC BY-SA 4.0" })]);
   const opened = await browser.newContext();
   const page = await opened.newPage();
@@ -195,7 +195,7 @@ test("several stores are listed, links name one of them and nothing else, and th
   await opened.close();
 });
 
-test("a list that is none, or damaged, is told", async () => {
+test("a missing or damaged list is reported", async () => {
   for (const [text, told] of [["{", /no list of stores/], ["{}", /no list/], [JSON.stringify({ isonest_site: 2 }), /publish the folder anew/],
     [JSON.stringify({ isonest_site: 1, title: "", description: "", license: "", memory: 1, stores: [description("x", { url: "javascript:alert(1)" })] }), /damaged/]]) {
     await writeFile(join(folder.path, "site", "site.json"), text);
@@ -205,7 +205,7 @@ test("a list that is none, or damaged, is told", async () => {
   }
 });
 
-test("a worker that cannot open the store, or dies, says why on the page", async () => {
+test("the page reports why a worker cannot open the store or has died", async () => {
   await writeList([description("bucky", { url: "stores/bucky.isonest?mode=no-ranges" })]);
   const first = await openPage(browser, site.url);
   assert.match(await banner(first.page), /^The server sends whole files in place of parts/);
@@ -225,7 +225,7 @@ test("a worker that cannot open the store, or dies, says why on the page", async
   await writeFile(join(folder.path, "site", "worker.js"), kWorker);
 });
 
-test("where the memory is too small for a mesh a coarser one is shown, and that is said", async () => {
+test("if memory is too small for a mesh, a coarser one is shown with a notice", async () => {
   await writeList([description("bucky", { url: "stores/bucky.isonest?mode=small&most=9000" })]);
   const { page, faults, close } = await openPage(browser, `${site.url}#iso=0.5&target=full&slice-z=1,20`);
   await idle(page);
@@ -245,7 +245,7 @@ test("where the memory is too small for a mesh a coarser one is shown, and that 
   await none.close();
 });
 
-test("what nobody waits for any more is cancelled in the worker", async () => {
+test("abandoned requests are cancelled in the worker", async () => {
   await writeList([description("bucky", { url: "stores/bucky.isonest?mode=silent" })]);
   const { page, faults, close } = await openPage(browser, `${site.url}#iso=0.5&target=full`);
   const count = site.requests.filter(({ path }) => path.startsWith("/cancelled")).length;

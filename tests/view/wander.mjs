@@ -1,9 +1,9 @@
-// Random input, always the same for the same seed, while memory is watched.
+// Random input, reproducible by its seed, while memory is watched.
 import { idle } from "../../tools/view/web/drive.mjs";
 
 const kKeys = [".", ",", ">", "<", "x", "y", "z", "o", "PageUp", "PageDown", "b", "p", "t", "m", "v", "+", "-", "0", "1", "4", "ArrowLeft", "ArrowUp", "Shift+ArrowRight", "Escape"];
 
-/** Numbers from 0 to 1: xorshift. */
+/** Pseudo-random numbers from 0 to 1 (xorshift). */
 function generator(seed) {
   let x = seed;
   return () => {
@@ -14,7 +14,10 @@ function generator(seed) {
   };
 }
 
-/** For so many seconds, or longer where the machine is so busy that hardly anything was done by then. Gives how many things were done and the most bytes that were seen. */
+/**
+ * Sends random input for some seconds, or longer if the machine is too busy for enough actions. Returns the number of
+ * actions and the largest memory use.
+ */
 export async function wander(page, seconds, seed) {
   const random = generator(seed);
   const pick = (list) => list[Math.floor(random() * list.length)];
@@ -40,7 +43,7 @@ export async function wander(page, seconds, seed) {
     }, pick(["screen", "full", "error", "distance", "triangles"])),
     () => page.evaluate(() => {
       const entries = navigation.entries();
-      const before = entries[navigation.currentEntry.index - 1]; // not out of the page
+      const before = entries[navigation.currentEntry.index - 1]; // stays on the page
       if (before && new URL(before.url).pathname === location.pathname) history.back();
     }),
     () => page.waitForTimeout(random() * 500),

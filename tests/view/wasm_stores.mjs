@@ -1,4 +1,4 @@
-// isonest.wasm in Node, with files in place of URLs.
+// Runs isonest.wasm in Node, with files in place of URLs.
 import { openSync, readSync, fstatSync, closeSync } from "node:fs";
 import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
@@ -28,13 +28,16 @@ class FileBytes {
   }
 }
 
-/** `open(path, memory, {roundTrip})`: a WasmStore, with `bytes`, and `fail`: what reading its bytes throws from now on. */
+/**
+ * Returns `open(path, memory, {roundTrip})`, which opens a WasmStore. Its property `fail` sets an error message that
+ * reading its bytes throws from then on.
+ */
 export async function wasmStores(wasmFolder, scratch) {
   const { build } = await import(pathToFileURL(createRequire(join(web, "package.json")).resolve("esbuild")).href);
   const script = join(scratch, "wasm_store.mjs");
   await build({ entryPoints: [join(web, "src/queries/wasm_store.ts")], outfile: script, bundle: true, format: "esm", logLevel: "warning" });
   const { WasmStore } = await import(pathToFileURL(script).href);
-  // The loader is for workers of pages.
+  // The loader expects the globals of a worker.
   globalThis.self ??= globalThis;
   globalThis.location ??= { href: pathToFileURL(wasmFolder).href };
   const { default: load } = await import(pathToFileURL(join(wasmFolder, "isonest.mjs")).href);

@@ -1,6 +1,6 @@
-// The queries of a page without a server, in Node: isonest.wasm answers as `isonest view` does, within a memory, and stores that are
-// none end in messages. usage: wasm_test.mjs ISONEST FOLDER-WITH-isonest.wasm
-// Exit code 77: it was not built, and why.
+// Tests the queries of a page without a server in Node: isonest.wasm gives the answers of `isonest view`, stays within
+// its memory budget, and reports invalid stores. usage: wasm_test.mjs ISONEST FOLDER-WITH-isonest.wasm
+// Exit code 77 with a message: isonest.wasm was not built.
 import assert from "node:assert/strict";
 import { existsSync } from "node:fs";
 import { readdir, readFile, stat, writeFile } from "node:fs/promises";
@@ -18,15 +18,15 @@ if (!wasmFolder || !existsSync(join(wasmFolder, "isonest.wasm"))) {
 }
 
 const MB = 2 ** 20;
-const kMemory = 256 * MB; // as a page has it
+const kMemory = 256 * MB; // the budget of a page
 let folder, open, servers;
 
-/** What a mesh says, without how long it took and how it was read; and its bytes. */
+/** A mesh's header, without times and counts of reading, and its bytes; for other answers, the JSON. */
 function parsed(answer) {
   const bytes = Buffer.from(answer.body);
   if (answer.type !== "application/octet-stream") {
     const said = JSON.parse(bytes.toString());
-    // What depends on the memory, which is another one, and on whether the store is a file.
+    // These depend on the memory budget, and on whether the store is a file.
     for (const name of ["most_triangles", "memory", "first_error"]) delete said[name];
     return { status: answer.status, said, text: bytes.toString() };
   }
@@ -44,7 +44,7 @@ async function fromServer(server, target) {
   return { status: response.status, type, body: await response.arrayBuffer() };
 }
 
-/** The wasm's answer is the server's; returned is the header of a mesh. */
+/** Asserts that the answers of isonest.wasm and the server are equal; returns the header of a mesh. */
 async function same(server, store, target) {
   const [theirs, ours] = [parsed(await fromServer(server, target)), parsed(await store.ask(`/api/${target}`))];
   assert.deepEqual(ours.header, theirs.header, target);
@@ -99,7 +99,7 @@ test("meshes of a volume are those of the server", async () => {
   await same(bucky.server, store, `slice?plane=1,2,3,${box[3] * 2.5}&error=${0.05 * (high - low)}`);
 });
 
-test("what is said of a volume is what the server says", async () => {
+test("the description of a volume is the server's", async () => {
   const store = await open(bucky.store, kMemory);
   for (const target of ["store", "histogram", "value?at=20,21.5,30.25", "value?at=-1,0,0", "label?id=4", "surface?error=0", "surface?iso=1&nothing=2", "value", "nowhere"]) {
     await same(bucky.server, store, target);
@@ -121,18 +121,18 @@ test("labels, and data in a plane", async () => {
   const ofPlane = await open(plane.store, kMemory);
   await same(plane.server, ofPlane, "store");
   await same(plane.server, ofPlane, "slice?plane=0,0,1,0&error=0.05");
-  await same(plane.server, ofPlane, "surface?iso=0&error=0"); // refused, by the same words
+  await same(plane.server, ofPlane, "surface?iso=0&error=0"); // refused with the same message
 });
 
-test("ranges are fetched together, and a query ends whatever the memory for them", async () => {
+test("ranges are fetched together, and a query ends with any memory budget", async () => {
   const iso = 0.5;
-  const few = await open(bucky.store, kMemory, { roundTrip: 1e9 }); // it always pays to run anew
+  const few = await open(bucky.store, kMemory, { roundTrip: 1e9 }); // running again is always cheaper
   const first = parsed(await few.ask(`/api/surface?iso=${iso}&error=0`));
   const trips = few.counts.trips;
   assert.ok(trips < 12, `${trips} round trips`);
   assert.deepEqual(parsed(await few.ask(`/api/surface?iso=${iso}&error=0`)), first);
   assert.equal(few.counts.trips, trips, "what was fetched is kept");
-  const none = await open(bucky.store, kMemory, { roundTrip: 0 }); // it never does
+  const none = await open(bucky.store, kMemory, { roundTrip: 0 }); // running again is never cheaper
   assert.deepEqual(parsed(await none.ask(`/api/surface?iso=${iso}&error=0`)), first);
   assert.ok(none.counts.runs <= 3);
   const little = await open(bucky.store, 128 * MB, { roundTrip: 1e9 });
@@ -140,14 +140,14 @@ test("ranges are fetched together, and a query ends whatever the memory for them
   assert.ok(little.memory.buffer.byteLength <= 128 * MB);
 });
 
-test("a memory that is too small is an answer", async () => {
+test("too little memory gives an error answer", async () => {
   const store = await open(bucky.store, 33 * MB);
   const answer = parsed(await store.ask("/api/surface?iso=0.5&error=0"));
   assert.ok(answer.status === 413 || answer.status === 200, answer.text);
   assert.ok(store.memory.buffer.byteLength <= 33 * MB);
 });
 
-test("bytes that do not come, and an object that changes, are errors; the next request is answered", async () => {
+test("failed fetches and a changed object are errors; the next request is answered", async () => {
   const store = await open(bucky.store, kMemory, { roundTrip: 0 });
   store.fail = "x.isonest: was replaced since it was opened";
   const answer = parsed(await store.ask("/api/surface?iso=0.5&error=0"));
@@ -157,7 +157,7 @@ test("bytes that do not come, and an object that changes, are errors; the next r
   assert.equal((await store.ask("/api/surface?iso=0.5&error=0")).status, 200);
 });
 
-test("stores that are none, or not whole, end in messages", async () => {
+test("invalid and incomplete stores give messages", async () => {
   const golden = resolve(here, "../store/golden");
   let refused = 0;
   for (const name of await readdir(golden)) {

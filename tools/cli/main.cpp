@@ -1,4 +1,4 @@
-// The program isonest: all commands, in one process.
+// The program isonest: all commands in a single process.
 #include <string>
 #include <vector>
 
@@ -11,7 +11,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-/// Of a published site.
+/// The files of the page of a published site.
 std::vector<publish::PageFile> site_page_files() {
     std::vector<publish::PageFile> files;
 #if ISONEST_WITH_VIEW

@@ -22,8 +22,8 @@
 namespace isonest::detail::cli {
 namespace {
 
-/// What other programs call an option. Of several rows the last one counts whose option the command
-/// has.
+/// Names that other programs use for an option. If several rows have the same name, the last one
+/// whose option the command has is used.
 constexpr std::array<std::pair<std::string_view, std::string_view>, 38> kOtherNames{
     {{"--guarantee", "--indicator"},
      {"--isovalue", "--iso"},
@@ -84,7 +84,7 @@ bool takes_nothing(const CLI::Option& option) {
     return option.get_expected_max() == 0 || option.get_type_size_max() == 0;
 }
 
-/// Whether `parse` takes it.
+/// Whether `parse` accepts its text, i.e. does not throw an Error.
 template <class Parse>
 bool is_taken(const Parse& parse) {
     try {
@@ -99,7 +99,7 @@ bool is_number(const std::string& text) {
     return is_taken([&] { parse_number("", text); });
 }
 
-/// Of a flag: what to write in place of the flag and the word behind it.
+/// Suggests a replacement for a flag that is followed by a stray word.
 std::optional<std::string> meant_by_flag(const std::string& name, const CLI::Option& flag,
                                          const std::string& word) {
     // "[=below|above]", "[=N]"
@@ -121,7 +121,7 @@ std::optional<std::string> meant_by_flag(const std::string& name, const CLI::Opt
     return std::nullopt;
 }
 
-/// Of an option with its value: what to write in place of both and the words behind them.
+/// Suggests a replacement for an option and its value that are followed by stray words.
 std::optional<std::string> meant_by_option(const std::string& name, const CLI::Option& option,
                                            const std::string& value,
                                            const std::vector<std::string>& words) {
@@ -151,7 +151,7 @@ std::optional<std::string> meant_by_option(const std::string& name, const CLI::O
     return fits ? std::optional(fmt::format("write {} {}", name, list)) : std::nullopt;
 }
 
-/// The words from `first` on that are no options.
+/// The words from `first` on that are not options.
 std::vector<std::string> words_from(int first, int argc, char** argv) {
     std::vector<std::string> words;
     for (int i = first; i < argc && !is_option(argv[i]); ++i) {
@@ -179,7 +179,7 @@ std::string unknown_command(const Program& program, const CLI::App& app, const s
                        meant ? fmt::format("; did you mean {}?", *meant) : "");
 }
 
-/// The first option among the words from `first` on that the command does not have.
+/// The first word from `first` on that looks like an option but is not one of the command's.
 std::optional<std::string> unknown_option(const CLI::App& command, int first, int argc,
                                           char** argv) {
     std::vector<std::string> names;
@@ -202,7 +202,7 @@ std::optional<std::string> unknown_option(const CLI::App& command, int first, in
         const std::string name = option_name(argv[i]);
         const CLI::Option* const option = command.get_option_no_throw(name);
         if (option != nullptr) {
-            // The value of an option may look like another one.
+            // Skips the option's value, which may look like an option.
             i += name == argv[i] && !takes_nothing(*option) ? 1 : 0;
             continue;
         }
@@ -221,7 +221,7 @@ std::optional<std::string> unknown_option(const CLI::App& command, int first, in
     return std::nullopt;
 }
 
-/// "-o MESH: the mesh to write, ...", for each that has to be given and is not.
+/// Lists the required options that were not given: "-o MESH: the mesh to write, ...".
 std::string missing_options(const CLI::App& command) {
     std::string text;
     for (const CLI::Option* const option :
@@ -241,20 +241,20 @@ std::string missing_options(const CLI::App& command) {
     return text;
 }
 
-/// The kind of the error. Its get_name() is the command's for some kinds.
+/// The kind of a parse error. For some kinds, CLI11's get_name() is the name of the command.
 CLI::ExitCodes kind_of(const CLI::ParseError& error) {
     return static_cast<CLI::ExitCodes>(error.get_exit_code());
 }
 
-/// "--a excludes --b", with `between` in place of `verb`.
+/// Replaces `verb` in a message of CLI11, such as "--a excludes --b", by `between`.
 std::string with_words(const std::string& text, std::string_view verb, std::string_view between,
                        std::string_view end) {
     const std::size_t at = text.find(verb);
     return fmt::format("{}{}{}{}", text.substr(0, at), between, text.substr(at + verb.size()), end);
 }
 
-/// Of an option that has too few values, or is given more often than once. CLI11's text begins
-/// with the option and a colon.
+/// Message for an option with too few values, or one that is given twice. `text`: CLI11's message,
+/// which begins with the option and a colon.
 std::string count_of_values(const CLI::App& command, const std::string& text) {
     const std::string name = text.substr(0, text.find(':'));
     const CLI::Option* const option = command.get_option_no_throw(name);

@@ -1,4 +1,4 @@
-// What is wrong with a command line that cannot be run, and what was probably meant.
+// Explains command lines that cannot be parsed, and suggests corrections.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -9,12 +9,13 @@ namespace isonest::detail::cli {
 
 struct Program;
 
-/// A value that was written with a blank or without a comma: "unexpected 'mm'; write --distance
-/// 0.5mm". Words that are files are never meant. Nothing if there is none.
+/// Finds a value that was split by a blank or lacks a comma, and suggests the correction:
+/// "unexpected 'mm'; write --distance 0.5mm". Words that are existing files are not considered.
+/// Nothing if there is no such value.
 std::optional<std::string> stray_word(const CLI::App& command, int argc, char** argv);
 
-/// What `error` means to who wrote the command line: an unknown command or option and the one that
-/// may be meant, a stray word, what is missing and what it can be, options that cannot be combined.
+/// The message for a parse error: an unknown command or option with the nearest name, a stray word,
+/// missing options with their meaning, or options that cannot be combined.
 std::string parse_message(const Program& program, const CLI::App& app, const CLI::ParseError& error,
                           int argc, char** argv);
 

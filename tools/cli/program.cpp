@@ -33,7 +33,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-/// A command line that is too long for a line of the help goes on in the next one.
+/// Breaks an example command line that is too long for a line of the help.
 std::string continued(const std::string& example) {
     constexpr std::size_t kIndent = 6;
     std::string text = wrapped(example, 4, kIndent);
@@ -59,7 +59,7 @@ CLI::App* add_command(CLI::App& app, Invocation& chosen, const std::string& name
         app.add_subcommand(name, description.summary + "\n\n" + description.details + "\n");
     command->add_flag("--json", chosen.json);
     command->add_flag("-q,--quiet", chosen.quiet);
-    // Only of the chosen command, before its words are parsed.
+    // Only for the chosen command, before its words are parsed.
     command->preparse_callback([command](std::size_t /*words*/) { describe_options(*command); });
     const std::string& examples = description.examples;
     std::string footer = "Examples:";
@@ -97,8 +97,8 @@ namespace {
 
 constexpr int kInternal = 1;
 
-/// The message may quote file names and file contents: whatever is not UTF-8 is replaced.
-/// With what may steer a terminal escaped as JSON does it, where there is any.
+/// Serializes JSON. Messages may quote names and contents of files, so invalid UTF-8 is replaced,
+/// and characters that control a terminal are escaped.
 std::string dump(const Json& json, int indent = 2) {
     const std::string text = json.dump(indent, ' ', false, Json::error_handler_t::replace);
     return shown_lines(text) == text ? text
@@ -109,7 +109,8 @@ Outcome failed(const Error& error, const HasOption& has) {
     return {static_cast<int>(error.kind()), message_of(error, has), json_of(error, has)};
 }
 
-/// Runs `work`; `has` tells the options of the command that was chosen.
+/// Runs `work` and turns exceptions into an Outcome. `has`: whether the chosen command has an
+/// option.
 template <class Work>
 Outcome guarded(const HasOption& has, const Work& work) {
     try {
@@ -125,7 +126,7 @@ Outcome guarded(const HasOption& has, const Work& work) {
     } catch (const std::system_error& e) {
         const std::error_code& code = e.code();
         const bool lacks = code == std::errc::resource_unavailable_try_again ||
-                           code == std::errc::not_enough_memory;  // a thread that does not start
+                           code == std::errc::not_enough_memory;  // a thread could not be started
         return failed(Error(lacks ? ErrorKind::limit : ErrorKind::io,
                             fmt::format("the system refuses a resource: {}", e.what())),
                       has);
@@ -141,7 +142,7 @@ Outcome guarded(const HasOption& has, const Work& work) {
     }
 }
 
-/// With the formats that this build reads, and what the others need.
+/// Version, the formats that this build can read, and the packages that the others need.
 std::string version_text(const Program& program) {
     std::string text = fmt::format("{} {} (store format {}.{})\nreads:", program.name,
                                    ISONEST_VERSION, kFormatMajor, kFormatMinor);
@@ -165,7 +166,7 @@ void declare(const Program& program, CLI::App& app, Invocation& chosen) {
     program.declare(app, chosen);
 }
 
-/// URLs of the command line as they are shown.
+/// Removes credentials from those URLs in `text` that are on the command line.
 std::string without_credentials(std::string text, int argc, char** argv) {
     for (int i = 1; i < argc; ++i) {
         const std::string argument(argv[i]);
@@ -181,7 +182,7 @@ std::string without_credentials(std::string text, int argc, char** argv) {
     return text;
 }
 
-/// Of one rank's view: progress on a terminal at rank 0, and an end as soon as another one fails.
+/// Progress of one rank: shown at rank 0 only, and cancelled as soon as another rank fails.
 class RunProgress : public TerminalProgress {
   public:
     RunProgress(bool show, const std::vector<ProgressStage>& stages, Communicator* ranks)
@@ -198,7 +199,7 @@ class RunProgress : public TerminalProgress {
     Communicator* ranks_;
 };
 
-/// What each rank has done: figures of its own, and of its messages.
+/// Adds the figures of each rank, including its messages, to the result. Collective.
 void gather_ranks(Communicator& ranks, Result& result) {
     const RankTraffic traffic = ranks.traffic();
     Json own{{"rank", ranks.rank()},
@@ -221,7 +222,7 @@ Outcome run(const Program& program, const Invocation& chosen) {
         return chosen.run(progress);
     }();
     if (program.ranks != nullptr) {
-        program.ranks->ignore_stop(true);  // this rank's work is done
+        program.ranks->ignore_stop(true);  // this rank has finished its work
         gather_ranks(*program.ranks, result);
     }
     if (!result.warning.empty()) {
@@ -313,12 +314,13 @@ int tell(const Program& program, const Outcome& outcome, bool json) {
 
 void prepare_process() {
     leave_hdf5_alone_at_exit();
-    // Blocks and chunks of a few MB come and go all the time: fetching their pages from the kernel
-    // anew each time costs more than the work on them.
+    // Blocks and chunks of a few MB are allocated and freed constantly; with the default threshold,
+    // the kernel would map their pages anew each time, which costs more than the work on them.
     ::mallopt(M_MMAP_THRESHOLD, 32 << 20);
     ::mallopt(M_TRIM_THRESHOLD, 512 << 20);
-    // The arena of a thread takes 64 MiB of the address space, twice that while it is made. Where
-    // there is little, all threads share one: else there is none for the last threads themselves.
+    // The arena of a thread takes 64 MiB of address space, and twice that while it is created. If
+    // the address space is limited, all threads share one arena; otherwise the last threads could
+    // not be started.
     constexpr rlim_t kLittle = rlim_t{16} << 30U;
     rlimit space{};
     if (::getrlimit(RLIMIT_AS, &space) == 0 && space.rlim_cur < kLittle) {

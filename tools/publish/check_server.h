@@ -1,5 +1,5 @@
-// Checks whether a web server answers as a page without a server needs it, and what to change if
-// not.
+// Checks whether a web server answers in the way that published pages need, and suggests changes to
+// its configuration.
 #pragma once
 
 #include <string>
@@ -43,9 +43,9 @@ struct ServerCheck {
     [[nodiscard]] bool has(ServerFault fault) const;
 };
 
-/// `url`: of a published folder (or its index.html), or of a store, which is then checked for being
-/// read by a page of `origin` ("https://example.org"). Throws Error{io} if the server does not
-/// answer, and Error{invalid_argument, unsupported} like ask_server().
+/// Checks the server of a published folder (`url` may end with its index.html) or of a store. For a
+/// store, checks whether a page of `origin` ("https://example.org") can read it. Throws Error{io}
+/// if the server does not answer, and Error{invalid_argument, unsupported} like ask_server().
 ServerCheck check_server(const std::string& url, const std::string& origin, Progress& progress);
 
 /// Configuration lines to add, for one kind of server.

@@ -2,7 +2,7 @@
 """Writes _volume.pyi, so that type checkers know the keywords of isonest.isosurface.
 
 isonest.isosurface passes all keywords that it does not name itself to Store.isosurface. Their names, types and defaults
-are written once, in _extracting.py; the stub has them twice, for one isovalue and for several.
+are written once, in _extracting.py; the stub contains them twice, for one isovalue and for several.
 
 usage: make_stub.py PACKAGE OUTPUT
 """
@@ -20,13 +20,13 @@ def functions(body, name):
 
 
 def overloads(folder):
-    """Those of Store.isosurface."""
+    """The overloads of Store.isosurface."""
     extracting = next(node for node in module(folder, "_extracting.py").body if isinstance(node, ast.ClassDef))
     return [f for f in functions(extracting.body, "isosurface") if f.decorator_list]
 
 
 def stub_of(function, like=None):
-    """The signature alone; `like`: has the isovalue's type, the result's, and the keywords of `**query`."""
+    """The signature; `like`: an overload with the types of isovalue and result, and the keywords of `**query`."""
     arguments = function.args
     if like is not None:
         own = {a.arg for a in arguments.kwonlyargs}

@@ -130,7 +130,7 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
         parser_.emplace();
         parser_->header_limit(static_cast<std::uint32_t>(parts_->limits.header_bytes));
         parser_->body_limit(kMaxBody);
-        // The first byte may take long to arrive, the others may not.
+        // A connection may be idle for long, but a request that has begun must arrive soon.
         if (buffer_.size() > 0) {
             read_request();
             return;

@@ -72,12 +72,12 @@ MeshRequest parse_mesh_request(RequestTarget& target, bool is_slice, bool are_la
 SurfaceQuery surface_query(const MeshRequest& request, const SurfaceStop& stop);
 LabelQuery label_query(const MeshRequest& request, const SurfaceStop& stop);
 SliceQuery slice_query(const MeshRequest& request, const StopTest& stop);
-/// For a store with one node along z: the data in their plane, with values, whatever plane is
-/// requested.
+/// For a store with one node along z: the whole plane of data, with values. The requested plane is
+/// ignored.
 GraphQuery plane_query(const MeshRequest& request, const StopTest& stop, const Store& store);
 
-/// The command line that makes the mesh `output` from the store, quoted for a shell. REQUIRES: the
-/// stop is not AtMostTriangles.
+/// The shell command that makes the mesh `output` from the store; its words are quoted. REQUIRES:
+/// the stop is not AtMostTriangles.
 std::string command_line(const MeshRequest& request, const Store& store, const std::string& output);
 
 }  // namespace isonest::detail::view

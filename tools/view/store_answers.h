@@ -48,7 +48,7 @@ HttpAnswer guarded(const Work& work) {
 
 /// The coarsest levels of a store: the values, and the field that bounds the error.
 struct FirstLevels {
-    /// Maximum of bytes of values and bound together: at 50 Mbit/s a sixth of a second.
+    /// Maximum size of values and bound together in bytes: a sixth of a second at 50 Mbit/s.
     static constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 20U;
 
     int level = 0;  ///< the finest of these levels

@@ -101,7 +101,8 @@ void StoreReader::open_by_hdf5() {
         {{RemedyKind::preprocess_again}});
 }
 
-// In memory, a file in pieces is one piece; released space is returned when all of it is released.
+// PiecedFile in memory: all pieces are one file, whose memory is freed when all of it has been
+// released.
 
 PiecedFile::PiecedFile(PiecedFile&& other) noexcept
     : folder_(std::move(other.folder_)),

@@ -16,7 +16,7 @@ namespace {
 
 /// Unrequested blocks between two requested ones that are fetched with them.
 constexpr std::uint64_t kMaxGap = 2;
-/// Maximum of bytes in one request.
+/// Maximum number of bytes in one request.
 constexpr std::uint64_t kLargest = std::uint64_t{1} << 20U;
 
 }  // namespace

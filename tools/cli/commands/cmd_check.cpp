@@ -27,7 +27,7 @@ struct CheckArguments {
     std::vector<std::string> source;
     SourceOptions source_options;
     CheckOptions check;
-    std::string source_option;  ///< one that says how the source is read, or empty
+    std::string source_option;  ///< an option given for reading the source, or empty
     RemoteArguments remote;
 };
 
@@ -39,7 +39,7 @@ std::uint64_t stored_chunks(const StoreLayout& layout) {
     return static_cast<std::uint64_t>(count);
 }
 
-/// Damaged analyses are findings; stale ones are not, as nobody uses them.
+/// A damaged analysis is a finding. A stale one is not: it is never used.
 void check_analyses(const StoreReader& store, Result& result) {
     result.json["analyses"] = Json::array();
     for (const FoundAnalysis& found : all_analyses(store, AnalysisDepth::bytes)) {

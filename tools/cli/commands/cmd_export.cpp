@@ -1,4 +1,4 @@
-// isonest export: a field of a store as a plain volume file.
+// isonest export: writes a field of a store as a plain volume file.
 #include <fmt/format.h>
 
 #include <memory>
@@ -20,11 +20,11 @@ struct ExportArguments {
     std::string store;
     std::string output;
     ExportOptions options;
-    std::optional<ComputedField> computed;  ///< in place of the options' field
+    std::optional<ComputedField> computed;  ///< replaces the field of the options
     RemoteArguments remote;
 };
 
-/// An indicator that the store does not hold.
+/// Exports an indicator that the store does not contain.
 Result run_computed(const Store& opened, const ExportArguments& a, Progress& progress) {
     const StoreReader& store = opened.reader();
     const ExportOptions& o = a.options;

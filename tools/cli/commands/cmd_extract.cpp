@@ -1,4 +1,4 @@
-// isonest extract: from a store or a volume to an isosurface mesh.
+// isonest extract: extracts an isosurface mesh from a store or a volume.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -66,7 +66,7 @@ ExtractReport run_query(const Store& store, const ExtractCommand& arguments, con
                : extract(store, query, *sink, options_of(a), progress);
 }
 
-/// A mesh for each isovalue, or one with all of them.
+/// Writes one mesh per isovalue, or one mesh with all isovalues.
 Result run_isovalues(const Store& store, const ExtractCommand& arguments, const Store* values,
                      Progress& progress) {
     const Isovalues& isovalues = arguments.isovalues;
@@ -151,11 +151,11 @@ Result extract_store(const Store& store, ExtractCommand arguments, const Store* 
                      run_query(store, own, values, progress));
 }
 
-/// By all ranks together: rank 0 has the result.
+/// Collective; only rank 0 returns the result.
 Result extract_store_on_ranks(Communicator& ranks, const Store& store,
                               const ExtractCommand& arguments, const Store* values, bool has_iso,
                               Progress& progress) {
-    // {iso} may be in the folder's name.
+    // The name of the folder may contain {iso}.
     const std::vector<std::string>& texts = arguments.isovalues.texts;
     const std::string& mesh = arguments.extract.mesh;
     require_same_folder(ranks, texts.empty() ? mesh : mesh_name(mesh, texts.front()));
@@ -196,7 +196,7 @@ void add_fetched_values(const Store& values, Result& result) {
     }
 }
 
-/// Of a volume: straight from it where that needs no store, else from a store that is made of it.
+/// Extracts directly from the volume if possible, otherwise from a store made of it.
 Result extract_volume(ExtractCommand& arguments, bool has_iso, Progress& progress) {
     ExtractArguments& a = arguments.extract;
     InputArguments& in = arguments.in;
@@ -211,7 +211,7 @@ Result extract_volume(ExtractCommand& arguments, bool has_iso, Progress& progres
     }
     arguments.distance.resolve(volume->describe().unit, a.store);
     if (has_iso && !a.is_graph && !arguments.labels.one && !arguments.labels.several) {
-        // Before a store is made for nothing.
+        // Checked now, before time is spent on making a store.
         require_combination(features_of(volume->describe(), arguments.surface_query(nullptr)),
                             a.store);
     }
@@ -273,7 +273,7 @@ Result run(ExtractCommand& arguments, bool has_iso, Communicator* ranks, Progres
     return result;
 }
 
-/// What usually comes, and how long it takes beside the rest.
+/// The stages of a typical run, with their relative durations.
 std::vector<ProgressStage> stages_of(const ExtractCommand& a) {
     std::vector<ProgressStage> stages;
     if (a.labels.several) {

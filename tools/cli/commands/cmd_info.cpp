@@ -1,4 +1,4 @@
-// isonest info: what a store holds.
+// isonest info: describes a store or a volume.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -32,12 +32,12 @@ double ratio(const ArrayReport& r) {
                : 0;
 }
 
-/// JSON has no infinity: the range of an array without any finite value is null.
+/// JSON has no infinity: the range of an array without finite values is null.
 Json number(double value) {
     return std::isfinite(value) ? Json(value) : Json();
 }
 
-/// Of a store's values: where they stand for labels, the label.
+/// A value of the store; for a store of labels, the label.
 Json value_json(const StoreHeader& header, double value) {
     const std::optional<std::int64_t> label = wide_label(header, value);
     return label ? Json(*label) : number(value);
@@ -122,7 +122,7 @@ void add_analyses(const StoreReader& store, Result& result) {
     }
 }
 
-/// "unit mm (millimetre), axes RAS" and how the axes lie.
+/// "unit mm (millimetre), axes RAS", and the directions of the axes.
 std::string place_text(const Double3& spacing, const Double3& origin,
                        std::optional<LengthUnit> unit, AnatomicalFrame frame,
                        const Directions& direction, const Int3& nodes) {
@@ -141,8 +141,8 @@ std::string place_text(const Double3& spacing, const Double3& origin,
                   are_directions(direction) ? "" : ": sheared, " + sheared_axes(nodes, direction)));
 }
 
-/// What a volume's files say of it; no value is read.
-/// `source`: how it was opened.
+/// Describes a volume from the metadata of its files; reads no values. `source`: the options with
+/// which it was opened.
 Result describe_volume(const VolumeSource& volume, const std::string& name,
                        const SourceOptions& source) {
     const VolumeDescription d = volume.describe();

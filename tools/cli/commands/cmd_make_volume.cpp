@@ -1,4 +1,4 @@
-// isonest make-volume: synthetic volumes of any size.
+// isonest make-volume: writes synthetic volumes of any size.
 #include <fmt/format.h>
 
 #include <algorithm>

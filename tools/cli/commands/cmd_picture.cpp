@@ -1,4 +1,4 @@
-// isonest picture: a shaded picture of a mesh.
+// isonest picture: renders a shaded picture of a mesh.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -28,10 +28,10 @@ struct PictureArguments {
     std::string mesh;
     std::string png;
     Double3 view = PictureView{}.view;
-    int turntable = 0;  ///< pictures; 0: one, under its own name
+    int turntable = 0;  ///< number of pictures; 0: a single picture, written to the given name
     std::string by = "value";
     PictureOptions options;
-    const char* value_option = "";  ///< one that says how values are drawn, or empty
+    const char* value_option = "";  ///< an option given for drawing values, or empty
     bool has_color = false;         ///< --color was given
 };
 
@@ -65,7 +65,7 @@ Double3 parse_view(const std::string& text) {
     return view;
 }
 
-/// One, or those around the vertical axis: name_000.png and so on.
+/// A single view, or the views of a turntable around the vertical axis (name_000.png and so on).
 std::vector<PictureView> views_of(const PictureArguments& a) {
     if (a.turntable == 0) {
         return {{a.png, a.view}};
@@ -84,8 +84,8 @@ std::vector<PictureView> views_of(const PictureArguments& a) {
     return views;
 }
 
-/// Opens the mesh of `a`. A volume or store in its place gets an error that says how to make a
-/// mesh.
+/// Opens the mesh of `a`. If the file is a volume or a store, the error says how to make a mesh
+/// from it.
 PlyMesh mesh_of(const PictureArguments& a, Progress& progress) {
     const std::filesystem::path folder = std::filesystem::path(a.png).parent_path();
     try {

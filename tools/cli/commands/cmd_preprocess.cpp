@@ -1,4 +1,4 @@
-// isonest preprocess: from a volume file to a store.
+// isonest preprocess: converts a volume to a store.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -30,11 +30,11 @@ struct PreprocessArguments {
     std::string store;
     SourceOptions source;
     PreprocessOptions preprocess;
-    std::string scratch;  ///< of one of several ranks
+    std::string scratch;  ///< folder for temporary files, with several ranks
     RemoteArguments remote;
 };
 
-/// On several ranks, the report is whole at rank 0; `rank`: what this one has done.
+/// With several ranks, rank 0 returns the whole report. `rank`: receives the figures of this rank.
 PreprocessReport run_on(Communicator* ranks, VolumeSource& source, const PreprocessArguments& a,
                         Json& rank, Progress& progress) {
     if (ranks == nullptr) {
@@ -52,7 +52,7 @@ PreprocessReport run_on(Communicator* ranks, VolumeSource& source, const Preproc
 
 Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
     reach_volume(a.input, a.remote, a.preprocess.memory, a.source, progress);
-    // A quarter of the budget is enough for the chunks of the input, and the passes need the rest.
+    // A quarter of the budget is enough for the chunks of the input; the passes need the rest.
     a.source.max_heap = a.preprocess.memory / 4;
     const std::unique_ptr<VolumeSource> source =
         open_input(a.input, std::filesystem::path(a.store).parent_path(), a.source);

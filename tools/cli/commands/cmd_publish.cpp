@@ -1,4 +1,4 @@
-// isonest publish: a folder that shows stores on any web server, and whether a server does.
+// isonest publish: writes a site that shows stores on any web server, and checks servers (--check).
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -27,7 +27,7 @@ using publish::Site;
 using publish::SiteStore;
 
 constexpr const char* kAnyOrigin = "https://example.org";
-/// For opening stores, of which no values are read.
+/// Enough to open stores; no values are read.
 constexpr std::uint64_t kMemory = std::uint64_t{256} << 20U;
 
 struct PublishArguments {
@@ -44,7 +44,7 @@ struct PublishArguments {
     std::vector<publish::PageFile> page;
 };
 
-/// Of a file or URL, without folder and ending.
+/// The name of a file or URL without folder and extension.
 std::string short_name(const std::string& location) {
     const std::string path =
         location.substr(0, is_url(location) ? location.find_first_of("?#") : std::string::npos);
@@ -55,7 +55,7 @@ std::string short_name(const std::string& location) {
     return name;
 }
 
-/// For links: letters, digits and "._-" alone.
+/// The name with every character except letters, digits and "._-" replaced, for use in links.
 std::string name_in_links(std::string name) {
     for (char& c : name) {
         const bool is_plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
@@ -65,7 +65,7 @@ std::string name_in_links(std::string name) {
     return name.empty() || name.front() == '.' ? "store" + name : name;
 }
 
-/// What is said of store `i` by an option that may be given once for all, or once for each.
+/// The value for store `i` of an option that is given once for all stores or once per store.
 std::string said_of(const std::vector<std::string>& values, std::size_t i) {
     return values.empty() ? "" : values.size() == 1 ? values[0] : values[i];
 }
@@ -102,7 +102,7 @@ std::string link_of(const PublishArguments& a, std::size_t i) {
     }
     const std::string& store = a.stores[i];
     const std::string name = store.substr(store.rfind('/') + 1);
-    // That of a file may have a # or ?; a URL is encoded already.
+    // A file name may contain # or ?; a URL is already encoded.
     return public_url(link + (is_url(store) ? name : publish::percent_encoded(name)));
 }
 
@@ -126,7 +126,7 @@ SiteStore described(const PublishArguments& a, std::size_t i, Progress& progress
         store.file = a.stores[i];
     }
     store.name = name_in_links(short_name(a.stores[i]));
-    // What is said once of several stores is said of the site.
+    // With several stores, titles and descriptions that are given once belong to the site.
     const bool each = a.stores.size() == 1;
     const auto own = [&](const std::vector<std::string>& values) {
         return each || values.size() > 1 ? said_of(values, i) : std::string();

@@ -1,4 +1,4 @@
-// isonest slice: a plane through the data, as a coloured mesh or as a picture.
+// isonest slice: cuts the data with a plane; writes a mesh, a picture or contour lines.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -29,13 +29,13 @@ namespace {
 struct SliceArguments {
     ExtractArguments extract;
     WorldPlane plane;
-    SlicePictureOptions picture;  ///< its contours also if no picture is drawn
+    SlicePictureOptions picture;  ///< its contours are used even if no picture is drawn
     bool has_range = false;
-    std::string picture_option;  ///< one that is of pictures, or empty
+    std::string picture_option;  ///< an option given for the picture, or empty
     InputArguments in;
 };
 
-/// Whether the plane has a point of the volume.
+/// Whether the plane intersects the volume.
 bool meets_volume(const Store& store, const WorldPlane& plane) {
     const StoreHeader& h = store.reader().layout().header();
     const WorldPlane own = in_own_axes(plane, h);
@@ -55,7 +55,7 @@ bool meets_volume(const Store& store, const WorldPlane& plane) {
     return low <= 0 && high >= 0;
 }
 
-/// Why there is nothing in it. `is_lines`: of contour lines.
+/// Explains why the slice is empty. `is_lines`: contour lines were requested.
 std::string empty_slice(const Store& store, const SliceArguments& a, bool is_lines) {
     const std::optional<WorldBox>& box = a.extract.box;
     if (!meets_volume(store, a.plane)) {
@@ -131,7 +131,7 @@ Result slice_store(const Store& store, SliceArguments& a, Progress& progress) {
     }
     if (picture) {
         a.picture.normal = a.plane.normal;
-        // While it is drawn, the mesh's parts are within the rest.
+        // Drawing takes a quarter; the parts of the mesh share the rest.
         a.picture.memory = a.extract.options.memory / 4;
         SlicePicture sink(a.extract.mesh, a.picture);
         r = run_slice(store, a, sink, progress);
@@ -169,7 +169,7 @@ Result slice_store(const Store& store, SliceArguments& a, Progress& progress) {
     return result;
 }
 
-/// Of names that end as pictures which are not written.
+/// Throws for names with the extension of a picture format other than PNG.
 void require_png(const std::string& name) {
     constexpr std::array kPictures{".jpg",  ".jpeg", ".gif", ".bmp", ".tif",
                                    ".tiff", ".webp", ".svg", ".pdf"};

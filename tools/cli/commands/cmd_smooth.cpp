@@ -43,18 +43,18 @@
 
 namespace isonest::detail::cli {
 
-// What isonest smooth writes: functions and grids, as volume files or pictures.
+// The output of isonest smooth: functions and grids, as volume files or pictures.
 
-/// Where a function on a lattice lies, and how it is drawn.
+/// Placement of a lattice in the world, and options for drawing it.
 struct SmoothedPlace {
     Lattice lattice;
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
     Directions direction = kAlongWorld;
-    double low = 0;   ///< value of the first colour
-    double high = 1;  ///< of the last
+    double low = 0;   ///< value at the low end of the colour map
+    double high = 1;  ///< value at the high end
     std::string colors = "viridis";
-    int width = 800;  ///< of a picture, pixels
+    int width = 800;  ///< width of a picture in pixels
     int height = 800;
     bool force = false;
     std::optional<LengthUnit> unit = {};
@@ -64,24 +64,24 @@ struct SmoothedPlace {
 /// "dir/name-30.nrrd" for step 30 of "dir/name.nrrd".
 std::filesystem::path name_of_step(const std::filesystem::path& path, int step);
 
-/// Values of all nodes: .h5, .nrrd, .raw (float32), or, of data in a plane, .png. Throws Error{io,
-/// invalid_argument}.
+/// Writes the values of all nodes as .h5, .nrrd, .raw (float32) or, for data in a plane, .png.
+/// Throws Error{io, invalid_argument}.
 void write_values(const std::filesystem::path& path, const SmoothedPlace& place,
                   std::span<const float> values);
 
-/// A grid: .h5, .nrrd, .raw (uint8, 1 at active nodes, else 0), or, of data in a plane, a .png with
-/// its triangles and these values. Throws Error{io, invalid_argument}.
+/// Writes a grid as .h5, .nrrd, .raw (uint8: 1 at active nodes, else 0) or, for data in a plane, as
+/// a .png that shows its triangles and these values. Throws Error{io, invalid_argument}.
 void write_grid(const std::filesystem::path& path, const SmoothedPlace& place, const NodeSet& grid,
                 std::span<const float> values);
 
-/// Throws Error{invalid_argument, not_found, io} if a name of these cannot be written: before any
-/// work.
+/// Checks in advance that these files can be written. Throws Error{invalid_argument, not_found,
+/// io}.
 void check_smoothed(const std::filesystem::path& path, const SmoothedPlace& place,
                     const std::vector<std::filesystem::path>& inputs);
 
 namespace {
 
-/// Hands rows of elements or vertices to a sink in batches.
+/// Sends rows of elements or vertices to a sink in batches.
 template <class Row>
 class Batch {
   public:
@@ -105,7 +105,7 @@ class Batch {
     std::vector<Row> rows_;
 };
 
-/// A grid in a plane as a mesh with the attribute "value".
+/// A grid in a plane as a mesh with the vertex attribute "value".
 class PlaneMesh {
   public:
     PlaneMesh(const SmoothedPlace& place, const NodeSet& grid, std::span<const float> values)
@@ -216,7 +216,7 @@ class PlaneMesh {
     std::span<const float> values_;
 };
 
-/// Draws the grid's triangles, with their edges or without.
+/// Draws the triangles of the grid, optionally with their edges.
 void draw(const std::filesystem::path& path, const SmoothedPlace& place, const NodeSet& grid,
           std::span<const float> values, bool edges) {
     SlicePictureOptions options;
@@ -319,12 +319,12 @@ struct SmoothArguments {
     std::vector<int> size{800, 800};
     std::uint64_t memory = std::uint64_t{1} << 30U;
     bool force = false;
-    std::string source_option;   ///< one that says how a volume file is read, or empty
-    std::string picture_option;  ///< one that is of pictures, or empty
+    std::string source_option;   ///< an option given for reading a volume file, or empty
+    std::string picture_option;  ///< an option given for the picture, or empty
     RemoteArguments remote;
 };
 
-/// A store, or a volume file.
+/// Opens a store or a volume file.
 VolumeValues open_values(SmoothArguments& a, Progress& progress) {
     // NOLINTNEXTLINE(clang-analyzer-deadcode.DeadStores): used where a store was not opened
     const std::uint64_t memory = a.memory;
@@ -350,7 +350,7 @@ VolumeValues open_values(SmoothArguments& a, Progress& progress) {
     return {open_volume(a.input, a.source), shown_location(a.input)};
 }
 
-/// The names that will be written, before any work.
+/// The files that will be written.
 std::vector<std::filesystem::path> names_of(const SmoothArguments& a) {
     std::vector<std::filesystem::path> names;
     for (const std::string& name : {a.output, a.grid}) {
@@ -364,7 +364,8 @@ std::vector<std::filesystem::path> names_of(const SmoothArguments& a) {
     return names;
 }
 
-/// Stops when the user's does, and shows nothing: the steps are what is counted.
+/// Progress of one step: can be cancelled like the whole run, but displays nothing, because
+/// progress counts whole steps.
 class WithinStep : public Progress {
   public:
     explicit WithinStep(const Progress& whole) : whole_(whole) {}
@@ -374,7 +375,7 @@ class WithinStep : public Progress {
     const Progress& whole_;
 };
 
-/// The steps, and what is written on the way.
+/// Runs the steps and writes the output.
 class Run {
   public:
     Run(const SmoothArguments& a, SmoothedPlace place, std::vector<float> values)

@@ -1,4 +1,4 @@
-// isonest study: the indicators compared on one store, as a table and plots.
+// isonest study: compares the indicators of one store in a table and plots.
 #include <fmt/format.h>
 #include <unistd.h>
 
@@ -31,8 +31,8 @@ struct StudyArguments {
 
 using Value = double (*)(const StudyRow&);
 struct Column {
-    const char* name;   ///< of the CSV's column and of the plot's file
-    const char* title;  ///< of the plot, in words
+    const char* name;   ///< of the column in the CSV file, and of the plot's file
+    const char* title;  ///< of the plot
     const char* axis;
     Value of;
 };
@@ -87,7 +87,7 @@ constexpr Column kGraphColumn{"graph_distance", "Distance of the graphs", "dista
 constexpr Column kNodeColumn{"nodes", "Nodes of the adaptive grid", "nodes",
                              [](const StudyRow& r) { return static_cast<double>(r.nodes); }};
 
-/// What there is besides kColumns.
+/// Columns that depend on the options, in addition to kColumns.
 std::vector<const Column*> further_columns(const StudyOptions& options) {
     std::vector<const Column*> columns;
     const auto add = [&](bool wanted, std::span<const Column> group) {
@@ -125,10 +125,10 @@ void write_csv(const std::filesystem::path& path, const Study& study,
     file.publish_as_named();
 }
 
-/// A plot that the folder gets, as .svg and .png.
+/// A plot, written as .svg and .png.
 struct PlotFile {
     const Column* column;
-    const Column* over;  ///< nothing: the threshold
+    const Column* over;  ///< null: the threshold
 };
 
 std::vector<PlotFile> plots_of(const std::vector<const Column*>& further) {
@@ -179,8 +179,8 @@ void draw(const std::filesystem::path& folder, const Study& study, const PlotFil
     }
 }
 
-/// The folder, made with those above it where they are missing; what was made and has stayed empty
-/// is removed at the end.
+/// The output folder. Creates it and its missing parents; the destructor removes those that are
+/// still empty.
 class Folder {
   public:
     explicit Folder(const std::filesystem::path& path) {

@@ -1,4 +1,4 @@
-// isonest view: a store in a window of the browser.
+// isonest view: shows a store in the browser.
 #include <fmt/format.h>
 #include <malloc.h>
 #include <spawn.h>
@@ -46,7 +46,8 @@ struct ViewArguments {
     int threads = 0;
 };
 
-/// Ends with the server, and shows nothing: who waits for the network are the page's requests.
+/// Cancels when the server ends; displays nothing, because waits for the network are shown in the
+/// page.
 class WhileServing : public Progress {
   public:
     [[nodiscard]] bool cancelled() const override { return interrupted(); }
@@ -56,7 +57,7 @@ bool is_own_machine(const std::string& address) {
     return address.starts_with("127.") || address == "::1";
 }
 
-/// At the port asked for, or at the first free one.
+/// Listens at the requested port, otherwise at the first free one.
 std::unique_ptr<HttpServer> listen(const ViewArguments& a, const view::HttpLimits& limits) {
     if (a.port) {
         return std::make_unique<HttpServer>(a.address, *a.port, limits);
@@ -82,12 +83,12 @@ std::string url_of(const Access& access) {
                        access.token.empty() ? "" : "?token=" + access.token);
 }
 
-/// Whether the desktop's program for URLs could be started.
+/// Returns whether the desktop's handler for URLs could be started.
 bool open_browser(const std::string& url) {
     std::string program = "xdg-open";
     std::string argument = url;
     char* const arguments[] = {program.data(), argument.data(), nullptr};
-    // A browser that outlives this program must not hold its port.
+    // The browser may outlive this program and must not inherit the listening socket.
     posix_spawn_file_actions_t actions;
     ::posix_spawn_file_actions_init(&actions);
     ::posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
@@ -113,7 +114,8 @@ void announce(const ViewArguments& a, const InputStore& input, const std::string
     }
 }
 
-/// Where the store of a volume lies while it is looked at: the page's service watches the file.
+/// A temporary folder for the store of a volume. The store needs a file name because the page's
+/// service watches the file.
 class StoreFolder {
   public:
     StoreFolder() {
@@ -136,7 +138,7 @@ class StoreFolder {
     std::filesystem::path path_;
 };
 
-/// "scan.isonest", of the store of the volume "data/scan.nii.gz".
+/// File name of the store of a volume: "scan.isonest" for "data/scan.nii.gz".
 std::string store_name(const std::string& volume) {
     const std::string name = std::filesystem::path(volume).filename().string();
     const std::string stem = name.substr(0, name.find('.', 1));
@@ -150,12 +152,12 @@ Result run(ViewArguments& a, Progress& progress) {
                                 human_bytes(static_cast<double>(a.memory))),
                     {{RemedyKind::more_memory, fmt::format("{}", kMinMemory)}});
     }
-    // WorkLane returns freed memory by malloc_trim(), which gives back the end of the first arena
-    // alone: so all threads share that one. An answer takes some ten thousand blocks, few enough
-    // for threads not to wait for each other.
+    // WorkLane returns freed memory with malloc_trim(), which shrinks only the first arena, so all
+    // threads share that one. An answer allocates some ten thousand blocks, too few for contention
+    // to matter.
     ::mallopt(M_ARENA_MAX, 1);
     WhileServing serving;
-    // A store elsewhere asks what it was opened with as long as it is open.
+    // Declared first: a remote store uses `serving` as long as it is open.
     std::optional<StoreFolder> folder;
     InputStore input{open_if_store(a.in, a.memory, serving), {}};
     if (!input.opened) {
@@ -176,7 +178,7 @@ Result run(ViewArguments& a, Progress& progress) {
     limits.answer_bytes = shares.sending;
     const std::unique_ptr<HttpServer> server = listen(a, limits);
     Access access;
-    access.address = server->address();  // as browsers write it
+    access.address = server->address();  // in the form that browsers send
     access.port = server->port();
     access.any_address = access.address == "0.0.0.0" || access.address == "::";
     if (a.token || !is_own_machine(access.address)) {
@@ -189,7 +191,8 @@ Result run(ViewArguments& a, Progress& progress) {
         before_a_bus_error_ends_the_program(&view::remove_listed_folders);
         announce(a, input, url);
         if (a.open) {
-            // Where no browser runs yet, the desktop's program may last as long as the new one.
+            // If no browser is running, the desktop's handler may run as long as the browser that
+            // it starts.
             std::thread([url] {
                 if (!open_browser(url) && !interrupted()) {
                     std::fputs("isonest: warning: cannot open a browser; open the URL yourself\n",

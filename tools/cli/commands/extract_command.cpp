@@ -38,8 +38,8 @@ std::string range_of_empty(VolumeSource& volume, double iso, const ExtractOption
                        human_range(low, high));
 }
 
-/// Why there is no surface. The volume is read once more; one that is read in order alone is
-/// opened again, unless it was a pipe or a URL.
+/// Explains why there is no surface. Reads the volume once more; a volume that can only be read in
+/// order is reopened, unless it is a pipe or a URL.
 std::string empty_volume(VolumeSource& volume, const InputArguments& in, double iso,
                          const ExtractOptions& options, Progress& progress) {
     if (volume.sequential()) {
@@ -139,7 +139,7 @@ Result extract_from_volume(VolumeSource& volume, ExtractCommand arguments, Progr
 
 namespace {
 
-/// Why there is none.
+/// Explains why there is no surface.
 std::string empty_surface(const Store& store, const ExtractCommand& arguments,
                           const ExtractReport& r) {
     const ExtractArguments& a = arguments.extract;
@@ -153,7 +153,7 @@ std::string empty_surface(const Store& store, const ExtractCommand& arguments,
     if (!(store.min_value() <= store.max_value())) {
         return "The surface is empty: all values are missing.\n";
     }
-    // What is closed is a solid, and may fill the whole volume.
+    // A closed surface bounds a solid, which may fill the whole volume.
     const bool some_below = store.min_value() < iso || arguments.close == Outside::below;
     const bool some_above = iso <= store.max_value() || arguments.close == Outside::above;
     if (!a.is_graph && !(some_below && some_above)) {
@@ -190,7 +190,7 @@ std::string measures_text(std::optional<LengthUnit> of, const SurfaceMeasures& m
                                 : "not closed, so it has no volume");
 }
 
-/// Between which volumes that at full resolution lies.
+/// The interval that contains the enclosed volume at full resolution.
 std::string interval_text(std::optional<LengthUnit> of, const VolumeInterval& v) {
     const std::string unit = unit_suffix(of);
     return fmt::format("volume at full resolution between {:.6g} and {:.6g}{}\n", v.least, v.most,

@@ -1,4 +1,4 @@
-// What the options of extract say, and what is said of what they gave.
+// The options of extract, and the report on its results.
 #pragma once
 
 #include <optional>
@@ -16,11 +16,11 @@
 
 namespace isonest::detail::cli {
 
-/// What the options say.
+/// The parsed options.
 struct ExtractCommand {
     ExtractArguments extract;
     Isovalues isovalues;
-    double scale = 1;  ///< of the graph
+    double scale = 1;  ///< of the values of a graph
     std::optional<Field> bound;
     std::optional<BackfaceCulling> culling;
     DistanceArguments distance;
@@ -28,18 +28,20 @@ struct ExtractCommand {
     std::optional<Outside> close;
     bool volume_interval = false;
     VertexPlace vertices = VertexPlace::linear;
-    std::string values;  ///< a second store, or empty
+    std::string values;  ///< location of a second store, or empty
     LabelArguments labels;
     InputArguments in;
 
-    /// What surfaces and graphs have. `values`: the store of vertex values, or null.
+    /// A query with the attributes that surfaces and graphs share. `others`: the store of vertex
+    /// values, or null.
     template <class Query>
     [[nodiscard]] Query begun(const Store* others) const {
         auto query = extract.query<Query>();
         query.attributes = {extract.normals, others, extract.vertex_error};
         return query;
     }
-    /// The surface of a label, made as `like` says. Throws as isonest::label_query().
+    /// The query for the surface of a label, with the settings of `like`. Throws what
+    /// isonest::label_query() throws.
     [[nodiscard]] LabelQuery label_query(const SurfaceQuery& like, const LabelChoice& label) const {
         LabelQuery query = isonest::label_query(like, label);
         query.smooth = labels.smooth;
@@ -48,35 +50,35 @@ struct ExtractCommand {
         }
         return query;
     }
-    /// Whether the mesh of a surface is simplified, as far as the options alone tell.
+    /// Whether the mesh will be simplified, judging by the options alone.
     [[nodiscard]] bool is_simplified() const;
     /// Throws Error{invalid_argument} for options that cannot be combined.
     [[nodiscard]] SurfaceQuery surface_query(const Store* others) const;
 };
 
-/// What was extracted from: a store or a volume.
+/// The store or volume from which a mesh was extracted.
 struct ExtractOrigin {
     const Store* store = nullptr;
     VolumeSource* volume = nullptr;
     std::optional<LengthUnit> unit = {};
     AnatomicalFrame frame = AnatomicalFrame::unknown;
-    std::string why_empty = {};  ///< of a volume whose surface is
+    std::string why_empty = {};  ///< for a volume without a surface: the reason
 };
 
-/// What is said of one mesh.
+/// The report on one mesh.
 Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
                  const ExtractReport& r);
 
-/// Whether what the options ask of a volume is found without a store.
+/// Whether the request can be answered from the volume without a store.
 bool needs_no_store(VolumeSource& volume, const ExtractCommand& arguments, bool has_iso);
-/// The fields of the default store, and those that the options ask for.
+/// The fields of the default store, and those that the options need.
 std::vector<Field> fields_of(const ExtractCommand& arguments);
-/// The surface straight from a volume. REQUIRES: needs_no_store(). Throws what open_volume() and
-/// extract() throw.
+/// Extracts the surface directly from the volume. REQUIRES: needs_no_store(). Throws what
+/// open_volume() and extract() throw.
 Result extract_from_volume(VolumeSource& volume, ExtractCommand arguments, Progress& progress);
 
-/// The store of vertex values, if one was asked for. It is open as long as `progress` is there.
-/// Throws what open_store() throws.
+/// Opens the store of vertex values, if there is one. `progress` must outlive the store. Throws
+/// what open_store() throws.
 std::optional<Store> open_values(ExtractCommand& arguments, Progress& progress);
 
 }  // namespace isonest::detail::cli

@@ -64,8 +64,8 @@ Json analysis_json(const FoundAnalysis& found) {
 
 namespace {
 
-/// Removes the name of a store that is open, so that its space is free when it is closed, however
-/// the process ends.
+/// Deletes the file of an open store in its destructor. The disk space is freed when the store is
+/// closed, however the process ends.
 class RemovedName {
   public:
     explicit RemovedName(std::filesystem::path name) : name_(std::move(name)) {}
@@ -89,7 +89,7 @@ void require_new(const std::filesystem::path& keep) {
     }
 }
 
-/// Without those that are there twice, in the order of a store.
+/// Removes duplicates and sorts in the order of a store.
 std::vector<Field> sorted_fields(std::vector<Field> fields) {
     std::sort(fields.begin(), fields.end());
     fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
@@ -140,7 +140,7 @@ std::unique_ptr<VolumeSource> open_input_volume(InputArguments& a, std::uint64_t
                                                 const std::filesystem::path& scratch,
                                                 Progress& progress) {
     reach_volume(a.input, a.remote, memory, a.source, progress);
-    // As preprocess does: a quarter of the budget for chunks of the input.
+    // As in preprocess: a quarter of the budget is for the chunks of the input.
     a.source.max_heap = memory / 4;
     try {
         return open_input(a.input, scratch, a.source);

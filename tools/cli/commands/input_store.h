@@ -1,4 +1,4 @@
-// The store that a command works on: the one that INPUT names, or one that is made of a volume.
+// The store that a command works on: opened from INPUT, or made of the volume that INPUT names.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -21,99 +21,99 @@
 
 namespace isonest::detail::cli {
 
-// Whether all ranks have been given the same store.
-
-/// Refuses at rank 0 if `name` is another store to some ranks than to rank 0, or if it is a store
-/// to some ranks alone. `store`: null where it is none. Collective. Throws
+/// Throws at rank 0 if the ranks do not all see the same store under `name`, or if only some of
+/// them find a store. `store`: null if this rank found none. Collective. Throws
 /// Error{invalid_argument}.
 void require_same_store(Communicator& ranks, const StoreReader* store, const std::string& name);
 
-// What info and check say of the kept analyses of a store.
+// Kept analyses, as reported by info and check.
 
-/// "current", "stale" or "damaged". REQUIRES: there is one.
+/// "current", "stale" or "damaged". REQUIRES: the analysis exists.
 const char* name_of(AnalysisState state);
 
-/// File, query and state, with a line's end.
+/// File, query and state, terminated by a newline.
 std::string analysis_line(const FoundAnalysis& found);
-/// The same: "file", "query" (null where it is damaged), "state", "problem".
+/// The same as JSON: "file", "query" (null if damaged), "state", "problem".
 Json analysis_json(const FoundAnalysis& found);
 
-/// What the options of a command say of its INPUT.
+/// The options for the INPUT of a command.
 struct InputArguments {
-    std::vector<std::string> input;  ///< a store; or a volume, whose slices may be several files
-    SourceOptions source;            ///< how to read a volume
-    std::string source_option;       ///< one of these that was given, or empty
-    std::filesystem::path keep;      ///< where the store of a volume stays; empty: nowhere
+    std::vector<std::string>
+        input;             ///< a store; or a volume, which may consist of several files (slices)
+    SourceOptions source;  ///< how to read a volume
+    std::string source_option;   ///< an option given for reading a volume, or empty
+    std::filesystem::path keep;  ///< where to keep the store of a volume; empty: it is not kept
     RemoteArguments remote;
 
-    /// The first name, without passwords.
+    /// The first name, without credentials.
     [[nodiscard]] std::string shown() const;
 };
 
-/// INPUT, the options that say how a volume is read, --keep-store, --header and --cache.
-/// `with_labels`: also --labels, of what the volume's values are.
+/// Adds INPUT, the options for reading a volume, --keep-store, --header and --cache. `with_labels`:
+/// also --labels, which declares the volume's values to be labels.
 void add_input_options(CLI::App* command, InputArguments& a, bool with_labels = true);
-/// To be called once the options were parsed.
+/// Sets a.source_option. Call it after the options were parsed.
 void note_source_option(const CLI::App& command, InputArguments& a);
 
-/// The store that INPUT names; nothing if it is no store. Of one elsewhere a share of `memory` is
-/// set aside, as open_store() says. Throws what open_store() throws for a store that is damaged or
-/// cannot be reached.
+/// Opens the store that INPUT names; nothing if INPUT is not a store. For a remote store, part of
+/// `memory` is set aside, see open_store(). Throws what open_store() throws if the store is damaged
+/// or cannot be reached.
 std::optional<Store> open_if_store(InputArguments& a, std::uint64_t& memory, Progress& progress);
 
-/// The volume that INPUT names. `scratch`: the folder for what comes by standard input. A quarter
-/// of `memory` is for its chunks. Throws what open_volume() throws.
+/// Opens the volume that INPUT names. `scratch`: folder for a copy of standard input. A quarter of
+/// `memory` is reserved for its chunks. Throws what open_volume() throws.
 std::unique_ptr<VolumeSource> open_input_volume(InputArguments& a, std::uint64_t& memory,
                                                 const std::filesystem::path& scratch,
                                                 Progress& progress);
 
-/// How the store of a volume is made.
+/// How to make the store of a volume.
 struct StoreRequest {
-    std::filesystem::path keep;    ///< its name; empty: it has none once it is open
-    std::filesystem::path output;  ///< of the command: its folder holds the nameless store. Empty:
-                                   ///< the system's folder for temporary files does
-    std::vector<Field> fields = default_indicators();  ///< in any order, also several times
+    std::filesystem::path keep;    ///< file name; empty: the file is deleted once the store is open
+    std::filesystem::path output;  ///< of the command; a store that is not kept is in its folder,
+                                   ///< or, if empty, in the system's temporary folder
+    std::vector<Field> fields = default_indicators();  ///< in any order, possibly with duplicates
     std::uint64_t memory = 0;
     int threads = 0;
 };
 
-/// A store that was made of a volume, with what is to be said of it.
+/// A store made of a volume, and the report on making it.
 struct MadeStore {
     Store store;
-    std::string name;  ///< of the store where it is kept, else of the volume
+    std::string name;  ///< of the store if it is kept, else of the volume
     std::string text;
     std::string warning;
     Json json;
 
-    /// Adds "made_store", and lines of text.
+    /// Adds "made_store" and lines of text.
     void report(Result& result) const;
-    /// An error that names the store, with `name` in place of the temporary one.
+    /// The error with `name` in place of the store's temporary name.
     [[nodiscard]] Error renamed(const Error& error) const;
 };
 
-/// Makes the store of a volume, the same as preprocess makes. It takes disk space as long as it is
-/// open. Throws what preprocess() throws, and Error{invalid_argument} where `keep` exists.
+/// Makes the same store as preprocess. It occupies disk space while it is open. Throws what
+/// preprocess() throws, and Error{invalid_argument} if `keep` exists.
 MadeStore make_store_of(VolumeSource& volume, const std::string& name, const StoreRequest& request,
                         Progress& progress);
 
-/// A store that was opened, or made.
+/// A store that was opened or made.
 struct InputStore {
     std::optional<Store> opened;
     std::optional<MadeStore> made;
 
     [[nodiscard]] const Store& store() const { return opened ? *opened : made->store; }
-    /// For people: its path, or the volume's name.
+    /// The path of the store, or the name of the volume, for messages.
     [[nodiscard]] std::string name() const { return opened ? opened->path().string() : made->name; }
-    /// What is said of how it came about.
+    /// Reports how the store was obtained.
     void report(Result& result) const;
 };
 
-/// The store that INPUT names, or that is made of the volume that it names: `request` says how, but
-/// its `keep` and `memory` are those of `a` and `memory`. Throws what the functions above throw.
+/// Opens the store that INPUT names, or makes one of the volume that it names according to
+/// `request`, whose `keep` and `memory` are replaced by a.keep and `memory`. Throws what the
+/// functions above throw.
 InputStore open_or_make_store(InputArguments& a, StoreRequest request, std::uint64_t& memory,
                               Progress& progress);
 
-/// What run() returns; errors that it throws call the store by its name.
+/// Returns run(); errors that it throws are changed to show the store's name, see renamed().
 template <class Run>
 Result run_on(const MadeStore& made, const Run& run) {
     try {
@@ -127,7 +127,7 @@ Result run_on(const InputStore& input, const Run& run) {
     return input.made ? run_on(*input.made, run) : run();
 }
 
-/// The stages of making a store, before those of the command.
+/// Prepends the stages of making a store to those of the command.
 std::vector<ProgressStage> with_store_stages(std::vector<ProgressStage> stages);
 
 }  // namespace isonest::detail::cli

@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::uint64_t kSlab = std::uint64_t{8} << 20U;  ///< bytes of input read at once
 
-/// Planes per slab; whole ones.
+/// Planes per slab, a multiple of `multiple` if there are so many.
 std::int64_t planes_at_once(const VolumeDescription& d, std::int64_t multiple) {
     const auto plane = static_cast<std::uint64_t>(d.nodes.x * d.nodes.y) * size_of(d.type);
     const auto fit = static_cast<std::int64_t>(std::max<std::uint64_t>(1, kSlab / plane));
@@ -74,7 +74,7 @@ std::vector<float> VolumeValues::read(Progress& progress) {
         prefetcher = std::make_unique<Prefetcher>(
             store_->reader(), 0, (d.nodes.z + planes - 1) / planes,
             [&array, planes](std::int64_t i, std::vector<WantedChunk>& chunks) {
-                // A chunk goes with the first of the slabs that it is in.
+                // A chunk is requested with the first slab that it intersects.
                 const std::int64_t depth = array.chunk.z;
                 const Int3 begin{0, 0, (i * planes + depth - 1) / depth};
                 const std::int64_t last = std::min((i + 1) * planes, array.nodes.z) - 1;

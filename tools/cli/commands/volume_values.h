@@ -1,4 +1,4 @@
-// All values of a volume file or of a store in memory.
+// Reads all values of a volume file or a store into memory.
 #pragma once
 
 #include <cstdint>
@@ -19,15 +19,15 @@ class VolumeValues {
   public:
     /// The finest level.
     explicit VolumeValues(std::shared_ptr<const Store> store);
-    /// `name`: for messages.
+    /// `name`: shown in messages.
     VolumeValues(std::unique_ptr<VolumeSource> source, std::string name);
 
     [[nodiscard]] VolumeDescription describe() const;
     [[nodiscard]] const Store* store() const { return store_.get(); }
     [[nodiscard]] const VolumeSource* source() const { return source_.get(); }
-    /// Files that are read.
+    /// The input files.
     [[nodiscard]] std::vector<std::filesystem::path> files() const;
-    /// Bytes that reading takes beside the values.
+    /// Bytes needed for reading, in addition to the values.
     [[nodiscard]] std::uint64_t heap() const;
     /// The values of all nodes rounded to float32, x fastest. Throws Error{unsupported} if a value
     /// is missing or too large for float32, what the source throws, and Error{cancelled}.

@@ -128,8 +128,8 @@ Focus& focus_of(ExtractArguments& a) {
     return *a.focus;
 }
 
-/// A number, or one with % behind it, which is relative. All of the range is refused: what is left
-/// then is no surface of the data.
+/// A number, or a percentage of the range of values, which must be below 100: a larger error would
+/// leave nothing of the surface.
 void parse_error(const std::string& option, const std::string& text, bool relative,
                  ErrorBound& error) {
     constexpr double kPercent = 100;
@@ -309,7 +309,7 @@ std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
 }
 
 std::string version_text(const std::string& mesh) {
-    // PolyData came to VTKHDF with version 2.0 of the format.
+    // PolyData was added in version 2.0 of the VTKHDF format.
     return std::filesystem::path(mesh).extension() == ".vtkhdf"
                ? "It needs VTK 9.3 or ParaView 5.12, or newer; all versions read .vtp.\n"
                : "";

@@ -1,4 +1,4 @@
-// The options that all commands share which extract a mesh from a store.
+// The options shared by all commands that extract a mesh from a store.
 #pragma once
 
 #include <optional>
@@ -15,20 +15,21 @@ namespace isonest::detail::cli {
 
 // Names of fields in options.
 
-/// An indicator's field. Throws Error{invalid_argument} listing those there are.
+/// The indicator with this name. Throws Error{invalid_argument}, which lists the indicators.
 Field parse_field(const std::string& option, const std::string& text);
-/// The same, or the values.
+/// The same, but also accepts the name of the values.
 Field parse_field_or_values(const std::string& option, const std::string& text);
-/// Several indicators, with commas, and names of sets of them (indicators_from_name()); in the
-/// store's order, each once. Throws as parse_field().
+/// Several indicators, separated by commas; names of sets are accepted too
+/// (indicators_from_name()). Returns them in the order of a store, without duplicates. Throws what
+/// parse_field() throws.
 std::vector<Field> parse_indicators(const std::string& option, const std::string& text);
 
-/// What the options say.
+/// The parsed options.
 struct ExtractArguments {
     std::string store;
     std::string mesh;
     ErrorBound error;
-    std::optional<FieldThreshold> stop;  ///< in place of the error
+    std::optional<FieldThreshold> stop;  ///< replaces the error
     std::optional<Focus> focus;
     std::optional<Camera> camera;
     std::optional<WorldBox> box;
@@ -36,12 +37,12 @@ struct ExtractArguments {
     std::optional<Field> vertex_error;
     ExtractOptions options;
     std::optional<Cells> cells = {};
-    std::string cells_name = {};  ///< as it was given
-    bool is_slice = false;        ///< or contour lines
+    std::string cells_name = {};  ///< as given
+    bool is_slice = false;        ///< true for contour lines too
     bool is_graph = false;
-    MeshSpace space = MeshSpace::automatic;  ///< of the mesh's file
+    MeshSpace space = MeshSpace::automatic;  ///< space of the mesh file
 
-    /// How the mesh's file is written.
+    /// Options for writing the mesh file.
     [[nodiscard]] MeshFileOptions file_options() const {
         return {.replace = true, .title = {}, .color = {}, .space = space};
     }
@@ -49,7 +50,7 @@ struct ExtractArguments {
     [[nodiscard]] Stop stop_test() const {
         return stop ? Stop(*stop) : Stop(error);
     }
-    /// What all queries have.
+    /// A query with the settings that all queries share.
     template <class Query>
     [[nodiscard]] Query query() const {
         Query query;
@@ -61,48 +62,48 @@ struct ExtractArguments {
     }
 };
 
-/// The error, the stop test, focus and camera, --box, --memory, --threads.
+/// Adds the options for the error, the stop test, focus and camera, --box, --memory and --threads.
 void add_extract_options(CLI::App* command, ExtractArguments& a);
 
-/// The fields of a default store, and those that the options ask for; some may be there twice.
-/// `coarse_cells`: hexahedra or quadrilaterals are not all at full resolution.
+/// The fields of the default store, and those that the options need; may contain duplicates.
+/// `coarse_cells`: the output has hexahedra or quadrilaterals below full resolution.
 std::vector<Field> fields_of(const ExtractArguments& a, bool coarse_cells);
 
-/// --space, of what is written as a mesh.
+/// Adds --space, the space of a mesh file.
 void add_space_option(CLI::App* command, ExtractArguments& a);
-/// "frame" of the world and "space" of a mesh in a file of this name.
+/// Adds "frame" (of the world) and "space" (of a mesh file with this name).
 void add_space_json(AnatomicalFrame frame, const ExtractArguments& a, const std::string& mesh,
                     Json& json);
-/// A line that says that the mesh's positions are not the stored ones; or empty.
+/// A line for the report if the positions in the mesh file differ from those of the store, else
+/// empty.
 std::string space_line(AnatomicalFrame frame, const ExtractArguments& a, const std::string& mesh);
 
-/// --cells, of surfaces, slices and graphs.
+/// Adds --cells, for surfaces, slices and graphs.
 void add_cells_option(CLI::App* command, ExtractArguments& a);
-/// Throws Error{invalid_argument} for hexahedra of a graph, and quadrilaterals of anything else.
+/// Throws Error{invalid_argument} for hexahedra of a graph, or quadrilaterals of anything else.
 void require_suitable_cells(const ExtractArguments& a);
 
-/// "the trilinear function on hexahedra": what a bound on the values' error refers to.
+/// "the trilinear function on hexahedra": the function to which a bound on the error refers.
 std::string function_text(const ExtractReport& r);
-/// "error at most 0.25 (asked for 0.3), of ...": what the error of the mesh is known to be, in one
+/// "error at most 0.25 (asked for 0.3), of ...": what is known about the error of the mesh, in one
 /// line.
 std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r);
-/// Whether the line above is a bound on |U - iso| (or on |value - U| in a slice).
+/// Whether guarantee_text() states a bound on |U - iso| (for a slice, on |value - U|).
 bool is_guaranteed(const ExtractReport& r);
-/// A line that says which versions of other programs read the mesh, where that is not all; or
-/// empty.
+/// A line that says which versions of other programs can read the mesh; empty if all can.
 std::string version_text(const std::string& mesh);
-/// What was left behind by killed runs, and coordinates that float32 rounds too much; or empty.
+/// Warns about files left by killed runs, and about coordinates that float32 rounds too coarsely;
+/// may be empty.
 std::string extract_warning(const ExtractArguments& a, const ExtractReport& r);
-/// Whether the box and the volume have more than a face in common along each axis that the volume
-/// has.
+/// Whether box and volume overlap by more than a face, along every axis that is not flat.
 bool reaches_volume(const Store& store, const WorldBox& box);
-/// "0 to 255", or "labels 0 to 7": of the store's values.
+/// The range of the store's values: "0 to 255" or "labels 0 to 7".
 std::string range_text(const Store& store);
 /// "which lies between 0,0,0 and 9,9,9".
 std::string volume_text(const Store& store);
-/// The folder of the output: what does not fit into the memory goes there too.
+/// Options for extract(); the scratch folder is the folder of the output.
 ExtractOptions options_of(const ExtractArguments& a);
-/// What every such command reports.
+/// The members of the JSON report that all these commands have.
 Json extract_json(const ExtractArguments& a, const ExtractReport& r);
 
 }  // namespace isonest::detail::cli

@@ -19,7 +19,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-/// An object as lines that begin with `indent`, without its closing brace.
+/// An object as indented lines, without its closing brace.
 std::string opened(const Json& object, const std::string& indent) {
     std::string text;
     for (const char c : object.dump(2, ' ', false, Json::error_handler_t::replace)) {
@@ -82,7 +82,7 @@ bool is_label_range(const std::string& text) {
                std::all_of(part.begin() + static_cast<std::ptrdiff_t>(sign), part.end(),
                            [](unsigned char c) { return std::isdigit(c) != 0; });
     };
-    // A dash in front is a sign.
+    // A leading dash is a sign.
     const std::size_t dash = text.find('-', 1);
     return text.empty() || (number(text.substr(0, dash)) &&
                             (dash == std::string::npos || number(text.substr(dash + 1))));

@@ -1,4 +1,4 @@
-// Labels by their names, and what is said of them.
+// Label names, and the list of labels that extract writes.
 #pragma once
 
 #include <cstddef>
@@ -18,16 +18,16 @@
 
 namespace isonest::detail::cli {
 
-// labels.json: which labels got a mesh, and what is known of each.
+// labels.json: lists the labels that have a mesh, with a report on each.
 
-/// The neighbours of labels, in a temporary file until they are written: there may be many.
-/// Thread-safety: take() from any thread; of() after it.
+/// Collects the neighbours of labels in a temporary file until they are written, as there may be
+/// many. Thread safety: take() may be called from any thread; of() only after the last take().
 class LabelNeighbours {
   public:
-    /// Of so many labels. The file is in `folder`.
+    /// `labels`: their number. The temporary file is in `folder`.
     LabelNeighbours(const std::filesystem::path& folder, std::size_t labels)
         : file_(folder), place_(labels) {}
-    /// Those of a label are moved out of its report. Throws Error{io}.
+    /// Moves the neighbours of label number `label` out of its report. Throws Error{io}.
     void take(std::size_t label, SmoothReport& report);
     [[nodiscard]] std::vector<NeighbourLabel> of(std::size_t label) const;
 
@@ -35,28 +35,29 @@ class LabelNeighbours {
     std::mutex mutex_;
     ScratchFile file_;
     std::uint64_t end_ = 0;
-    std::vector<std::pair<std::uint64_t, std::size_t>> place_;  ///< bytes, and how many
+    std::vector<std::pair<std::uint64_t, std::size_t>> place_;  ///< offset in bytes, and count
 };
 
-/// Writes `head` with a member "labels" behind its others: `labels`, each with its neighbours where
-/// they are given. Throws Error{io}.
+/// Writes `head` followed by a member "labels", which lists `labels`, each with its neighbours if
+/// `neighbours` is given. Throws Error{io}.
 void write_label_list(const std::filesystem::path& path, const Json& head, const Json& labels,
                       const LabelNeighbours* neighbours);
 
-/// "12", "-3", "3-7": a number, or a range of numbers, and no name.
+/// Whether the text is a number or a range of numbers, not a name: "12", "-3", "3-7".
 bool is_label_range(const std::string& text);
 
-/// The label that is called so. Throws Error{not_found}, which names the nearest names, and
-/// Error{invalid_argument} where several are called so.
+/// The label with this name. Throws Error{not_found}, which lists the nearest names, and
+/// Error{invalid_argument} if several labels have this name.
 std::int64_t label_named(const Store& store, const std::string& name);
 
-/// A mesh of this label, with its name and colour; an existing file is replaced.
+/// Options for the mesh file of a label, which stores its name and colour; an existing file is
+/// replaced.
 MeshFileOptions label_file_options(const Store& store, std::int64_t id, MeshSpace space);
 
-/// Adds "name" and "color", as far as they are known.
+/// Adds "name" and "color" if they are known.
 void add_label_name(const Store& store, std::int64_t id, Json& json);
 
-/// " (liver)", or nothing.
+/// " (liver)", or an empty text if the label has no name.
 std::string label_name_text(const Store& store, std::int64_t id);
 
 }  // namespace isonest::detail::cli

@@ -31,7 +31,7 @@ constexpr const char* kDetails = "neuroglancer-multilod";
 constexpr std::array kFormats{"ply", "stl", "obj",         "vtp",   "vtkhdf",
                               "glb", "3mf", kNeuroglancer, kDetails};
 
-/// "all", "3,7,12-20", "liver,spleen": what is no number goes to `names`.
+/// Parses "all", "3,7,12-20" or "liver,spleen". Items that are not numbers are appended to `names`.
 std::vector<std::pair<std::int64_t, std::int64_t>> parse_labels(const std::string& text,
                                                                 std::vector<std::string>& names) {
     std::vector<std::pair<std::int64_t, std::int64_t>> ranges;
@@ -46,7 +46,7 @@ std::vector<std::pair<std::int64_t, std::int64_t>> parse_labels(const std::strin
             at = end + 1;
             continue;
         }
-        // A dash in front is a sign.
+        // A leading dash is a sign.
         const std::size_t dash = item.find('-', 1);
         const std::int64_t first =
             parse_integer("--labels", item.substr(0, dash), -kMaxLabel, kMaxLabel);
@@ -64,7 +64,7 @@ std::vector<std::pair<std::int64_t, std::int64_t>> parse_labels(const std::strin
     return ranges;
 }
 
-/// The passes of --smooth; "true" is what a flag without a value says.
+/// Parses the number of passes of --smooth; "true" stands for a flag without a value.
 LabelSmoothing parse_smoothing(const std::string& text) {
     LabelSmoothing smoothing;
     if (text != "true") {
@@ -74,7 +74,8 @@ LabelSmoothing parse_smoothing(const std::string& text) {
     return smoothing;
 }
 
-/// "; the nearest ones are 3 and 7". `place`: where the one that is not there would be.
+/// "; the nearest ones are 3 and 7". `place`: the index at which the missing label would be
+/// inserted.
 std::string nearest_text(const std::vector<Label>& all, std::ptrdiff_t place) {
     const auto at = static_cast<std::size_t>(place);
     if (all.empty()) {
@@ -86,7 +87,8 @@ std::string nearest_text(const std::vector<Label>& all, std::ptrdiff_t place) {
                : fmt::format("; the nearest ones are {} and {}", all[at - 1].id, all[at].id);
 }
 
-/// Those that are wanted. Throws Error{not_found} for a single one that is not there.
+/// The requested labels. Throws Error{not_found} if a label that is named individually does not
+/// exist.
 std::vector<Label> chosen_of(const std::vector<Label>& all,
                              const std::vector<std::pair<std::int64_t, std::int64_t>>& ranges,
                              const std::string& store) {
@@ -125,14 +127,14 @@ void write_text(const fs::path& path, const std::string& text) {
     file.publish_as_named();
 }
 
-/// What a mesh's file is called.
+/// File name of the mesh of a label.
 std::string mesh_name(std::int64_t id, const std::string& format) {
     return format == kDetails
                ? fmt::format("{}", id)
                : fmt::format("{}.{}", id, format == kNeuroglancer ? "ngmesh" : format);
 }
 
-/// A file for each label that says which files its mesh is.
+/// Writes one manifest per label, which names the file of its mesh.
 void write_neuroglancer(const fs::path& folder, const std::vector<Label>& labels) {
     write_text(folder / "info", Json{{"@type", "neuroglancer_legacy_mesh"}}.dump() + "\n");
     for (const Label& label : labels) {
@@ -141,7 +143,7 @@ void write_neuroglancer(const fs::path& folder, const std::vector<Label>& labels
     }
 }
 
-/// Of both together.
+/// The sum of both.
 ComponentReport added(const ComponentReport& a, const ComponentReport& b) {
     return {a.components + b.components, a.dropped + b.dropped,
             a.dropped_triangles + b.dropped_triangles,
@@ -206,7 +208,7 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
         one->excludes(c->get_option(other));
         several->excludes(c->get_option(other));
     }
-    // A flag's value comes behind "=" alone, so that it never takes the name of a store.
+    // A value must follow "=", so that the flag never takes the name of a store.
     c->add_flag("--smooth")->each([&a](const std::string& text) {
         a.smooth = parse_smoothing(text);
     });
@@ -382,7 +384,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     write_label_list(folder / "labels.json", result.json, list, smooth ? &neighbours : nullptr);
     result.json["labels"] = std::move(list);
     if (smooth) {
-        result.json["scratch_bytes"] = scratch;  // of the run, not of its result
+        result.json["scratch_bytes"] = scratch;  // describes the run, not its result
     }
     result.text =
         fmt::format("{}: {} meshes of {} labels, {} triangles; the list is {}\n", a.mesh,
@@ -419,7 +421,7 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
                     "--interfaces needs --smooth; --smooth=0 keeps the faces of the voxels");
     }
     const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, a.file_options());
-    // What the format does not hold is refused before the labels are looked for.
+    // Fails early if the format cannot hold the attributes of the mesh.
     MeshLayout layout;
     layout.frame = store.frame();
     layout.has_sides = true;
@@ -428,7 +430,8 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
     const std::vector<Label> chosen =
         chosen_of(find_labels(store, {a.options.memory, a.options.threads}, progress),
                   *labels.several, a.store);
-    // A report holds so many; of more it has the number.
+    // The maximum number of labels listed in a report; if there are more, only their number is
+    // reported.
     constexpr std::uint64_t kMaxListed = 10000;
     std::vector<LabelInterface> interfaces;
     const ExtractReport r = extract_interfaces(

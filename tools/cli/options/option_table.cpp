@@ -11,11 +11,12 @@ namespace isonest::detail::cli {
 namespace {
 
 struct OptionRow {
-    std::string_view commands;  ///< separated by blanks; empty: all without a row of their own
-    std::string_view name;      ///< "--iso"; of a positional argument "INPUT"
-    const char* group;          ///< null: a positional argument
-    const char* form;  ///< of the value, "V[,V...]"; of a flag with an optional value, "[=N]"
-    /// One line. {} stands for the description that the command gives the option: its default.
+    std::string_view
+        commands;           ///< separated by blanks; empty: all commands without a row of their own
+    std::string_view name;  ///< "--iso", or the name of a positional argument, "INPUT"
+    const char* group;      ///< null for a positional argument
+    const char* form;       ///< of the value: "V[,V...]"; for a flag with an optional value: "[=N]"
+    /// One line. {} is replaced by the description set by the command: the option's default.
     const char* words;
 };
 
@@ -25,7 +26,7 @@ constexpr std::array kGroups{kWhat,   kHowClose, kWhichParts, kWritten, kPicture
 // In the order of the help.
 // clang-format off
 constexpr OptionRow kOptions[] = {
-    // What is read.
+    // Input.
     {"", "INPUT", nullptr, "", "a store, or a volume that preprocess reads"},
     {"extract", "INPUT", nullptr, "", "a store or volume: file, folder, slices, URL or -"},
     {"preprocess", "INPUT", nullptr, "", "the volume: file, folder, slices, URL or -"},
@@ -34,7 +35,7 @@ constexpr OptionRow kOptions[] = {
     {"", "MESH", nullptr, "", ".ply .stl .obj .glb .3mf .vtp .vtkhdf or .ngmesh"},
     {"", "NAME", nullptr, "", "one of {}"},
 
-    // What is asked for.
+    // The kind of output.
     {"", "--iso", kWhat, "V[,V...]", "the isovalue, or several from one pass over the data"},
     {"", "--label", kWhat, "ID", "in place of --iso: a label, by its number or name"},
     {"", "--labels", kWhat, "all|ID[,ID...]", "in place of --iso: a mesh for each, in folder MESH"},
@@ -74,7 +75,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--check", kWhat, "URL", "check a server: URL of a published folder or store"},
     {"publish", "--origin", kWhat, "URL", "with --check: page's server [{}]"},
 
-    // How close it comes.
+    // Accuracy.
     {"", "--error", kHowClose, "E|P%", "largest error of the value, or in % of the range [0]"},
     {"", "--error-relative", kHowClose, "R", "the same, as a fraction of the data's range"},
     {"", "--distance", kHowClose, "D[UNIT]", "largest distance to the full surface: 0.5mm, 1voxel"},
@@ -94,7 +95,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--bound", kHowClose, "FIELD", "field that rules out empty cells [the tightest]"},
     {"", "--keep-analysis", kHowClose, "[=FOLDER]", "keep what makes the next distance fast"},
 
-    // Which parts of it.
+    // Regions and parts.
     {"", "--box", kWhichParts, "x0,y0,z0,x1,y1,z1", "only what is inside this box"},
     {"", "--components", kWhichParts, "N|all", "keep the N largest (or: largest); all: count them"},
     {"", "--min-component", kWhichParts, "N", "drop pieces of fewer triangles"},
@@ -103,7 +104,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--view", kWhichParts, "X,Y,Z", "leave out what faces away from this view direction"},
     {"", "--cull-by", kWhichParts, "FIELD", "with --view: normal_turn_plus or grad_linf_plus"},
 
-    // What is written.
+    // Output.
     {"extract", "--output", kWritten, "MESH", ".ply .stl .obj .vtp .vtkhdf .glb .3mf"},
     {"slice", "--output", kWritten, "OUT", ".png; a mesh with values: .ply .vtp .vtkhdf .glb"},
     {"preprocess", "--output", kWritten, "STORE", "the store, as scan.isonest"},
@@ -150,7 +151,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--color-by", kPicture, "NAME", "vertex property for the colours, or none [value]"},
     {"", "--color", kPicture, "R,G,B", "of the surface, each 0 to 255 [110,156,204]"},
 
-    // How a volume is read.
+    // Reading a volume.
     {"", "--dataset", kReading, "PATH", "the array, in a file of several (HDF5, Zarr, .npz)"},
     {"", "--series", kReading, "UID", "the DICOM series, if there are several"},
     {"", "--index", kReading, "AT", "of time steps or channels: 5,:,:,: or time=5,c=0"},
@@ -177,7 +178,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--token", kServer, "", "ask for a token on this machine, too"},
     {"", "--open", kServer, "", "open the page in the browser"},
 
-    // How it runs.
+    // Resources.
     {"", "--memory", kLimits, "SIZE", "heap to stay within [{}]"},
     {"", "--threads", kLimits, "N", "threads; 0 = one per core [0]"},
     {"", "--json", kGeneral, "", "print one JSON object in place of text"},

@@ -1,4 +1,4 @@
-// The one table of all options: what the help says of them, and in which group.
+// The table of all options: their group, the form of their value, and their line in the help.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -7,14 +7,14 @@
 
 namespace isonest::detail::cli {
 
-/// The groups of the help, in their order.
+/// The groups of the help, in order.
 inline constexpr const char* kWhat = "What";
 inline constexpr const char* kHowClose = "How close";
 inline constexpr const char* kWhichParts = "Which parts";
 inline constexpr const char* kWritten = "What is written";
 inline constexpr const char* kPicture = "The picture";
 inline constexpr const char* kServer = "The server";
-/// The options of volumes: given_source_option() finds them by their group.
+/// The options for reading volumes. given_source_option() finds them by this group.
 inline constexpr const char* kReading = "How to read INPUT";
 inline constexpr const char* kNetwork = "INPUT at a URL";
 inline constexpr const char* kLimits = "Limits";
@@ -22,11 +22,11 @@ inline constexpr const char* kGeneral = "General";
 
 std::span<const char* const> option_groups();
 
-/// Gives every option of the command its group, form and words. Throws std::logic_error for one
-/// that the table does not have.
+/// Sets group, form and description of every option of the command. Throws std::logic_error for an
+/// option that is not in the table.
 void describe_options(CLI::App& command);
 
-/// The options of the command in this group, in the order of the table.
+/// The options of the command that belong to this group, in the order of the table.
 std::vector<const CLI::Option*> options_in(const CLI::App& command, const char* group);
 
 }  // namespace isonest::detail::cli

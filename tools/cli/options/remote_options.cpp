@@ -43,7 +43,8 @@ namespace {
 constexpr std::uint64_t kMaxAside = std::uint64_t{256} << 20U;
 constexpr std::size_t kMaxHeaderFile = std::size_t{1} << 20U;
 
-/// Throws Error{invalid_argument}, which does not quote it.
+/// Throws Error{invalid_argument} for a malformed header; the message does not quote it, as it may
+/// be secret.
 void require_header(const std::string& header, const std::string& where) {
     if (!is_header(header)) {
         throw Error(ErrorKind::invalid_argument,
@@ -53,7 +54,7 @@ void require_header(const std::string& header, const std::string& where) {
     }
 }
 
-/// A header, or a file of headers: its empty lines are left out.
+/// Appends a header, or the headers in a file, without its empty lines.
 void take_headers(const std::string& text, std::vector<std::string>& headers) {
     if (!text.starts_with('@')) {
         require_header(text, "--header");
@@ -84,7 +85,7 @@ std::uint64_t share_for_fetching(std::uint64_t memory) {
     return std::clamp(memory / 4, RemoteAccess::kMinMemory, kMaxAside);
 }
 
-/// Sets a share of the memory aside.
+/// Sets part of the memory aside.
 RemoteAccess access_to(const std::string& location, RemoteArguments& a, std::uint64_t& memory,
                        Progress& progress, const std::string& first) {
     const std::uint64_t share = share_for_fetching(memory);
@@ -98,7 +99,7 @@ RemoteAccess access_to(const std::string& location, RemoteArguments& a, std::uin
     remote.cache_bytes = a.cache_bytes;
     remote.memory = share;
     remote.check = [&progress] {
-        progress.advance(0);  // so that what is shown goes on
+        progress.advance(0);  // refreshes the display
         progress.check();
     };
     progress.begin("opening", 0, "");
@@ -106,7 +107,8 @@ RemoteAccess access_to(const std::string& location, RemoteArguments& a, std::uin
     return remote;
 }
 
-/// Of a file that is no store, but a volume: says so. One of HDF5 may be a damaged store.
+/// Extends the error with the format of a file that is a volume and not a store. An HDF5 file may
+/// also be a damaged store.
 Error saying_its_format(const Error& error, const std::string& file) {
     const std::string format = is_no_store(error) ? input_format_of(file) : std::string();
     if (format.empty() || format == "HDF5") {
@@ -237,7 +239,7 @@ Error with_set_aside(const Error& error, const RemoteArguments& a) {
         if (remedy.kind == RemedyKind::more_memory &&
             std::from_chars(remedy.value.data(), end, enough).ec == std::errc{}) {
             for (int i = 0; i < a.opened; ++i) {
-                // Of four thirds of it, a quarter is set aside.
+                // A quarter is set aside, so x bytes for the work need a total of 4/3 x.
                 enough += std::clamp(enough / 3 + 1, RemoteAccess::kMinMemory, kMaxAside);
             }
             remedy.value = std::to_string(enough);

@@ -1,5 +1,4 @@
-// The options of commands that read stores: how a remote store is accessed, and what a report says
-// about it.
+// Options for opening stores that may be remote, and reports on what was fetched.
 #pragma once
 
 #include <cstdint>
@@ -17,67 +16,67 @@
 
 namespace isonest::detail::cli {
 
-// Where what comes over a network is kept, as it is written on a command line.
+// The cache for data fetched over the network, as given on the command line.
 
 struct CacheChoice {
     std::filesystem::path folder;
-    std::uint64_t bytes = std::uint64_t{1} << 30U;  ///< at most, of the folder
+    std::uint64_t bytes = std::uint64_t{1} << 30U;  ///< largest size of the folder
 };
 
-/// "FOLDER" or "FOLDER:SIZE", as "/var/cache/scans:20G". What follows the last colon is a part of
-/// the folder's name if it is no size. `option` ("--cache") starts the message. Throws
-/// Error{invalid_argument} for no folder, and for a size of 0.
+/// Parses "FOLDER" or "FOLDER:SIZE", such as "/var/cache/scans:20G". Text after the last colon that
+/// is not a size is part of the folder's name. `option` ("--cache") starts the message. Throws
+/// Error{invalid_argument} if the folder is empty or the size is 0.
 CacheChoice parse_cache(std::string_view option, std::string_view text);
 
 struct RemoteArguments {
-    std::vector<std::string> headers;  ///< "Name: value"; they may hold secrets
+    std::vector<std::string> headers;  ///< "Name: value"; may contain secrets
     std::filesystem::path cache;
     std::uint64_t cache_bytes = 0;
-    int opened = 0;    ///< stores and volumes elsewhere: each has a share of --memory
-    std::string note;  ///< about opening them
+    int opened = 0;    ///< number of remote stores and volumes; each has a share of --memory
+    std::string note;  ///< remark for the report
 };
 
 /// Adds --header and --cache.
 void add_remote_options(CLI::App* command, RemoteArguments& a);
 
-/// Throws Error{invalid_argument} for --header and --cache where none of the inputs is a URL.
+/// Throws Error{invalid_argument} for --header or --cache if none of the inputs is a URL.
 void require_remote(const RemoteArguments& a, const std::vector<std::string>& inputs);
 
-/// A file or a URL. Of a store elsewhere a quarter of `memory`, from 16 to 256 MiB, is set aside
-/// for what is fetched, and `memory` becomes the rest. `progress` ends its waits, as long as the
-/// store is open. `first`: of a second store, the one whose server the headers are for. Throws what
-/// Store throws.
+/// Opens a store, given as a file or URL. For a remote store, a quarter of `memory`, but 16 to 256
+/// MiB, is set aside for fetched data, and `memory` is reduced by it. `progress` can cancel its
+/// waits and must outlive the store. `first`: when opening a second store, the first one; headers
+/// are sent only to its server. Throws what Store throws.
 Store open_store(const std::string& location, RemoteArguments& a, std::uint64_t& memory,
                  Progress& progress, const std::string& first = {});
 
-/// As open_store(), for commands that need a store: for a file that is a volume the error says so.
+/// As open_store(), for commands that need a store: if the file is a volume, the error says so.
 Store open_required_store(const std::string& location, RemoteArguments& a, std::uint64_t& memory,
                           Progress& progress, const std::string& first = {});
 
 /// Whether opening a store failed because the file is not a store.
 bool is_no_store(const Error& error);
-/// Whether a store at a URL was not found, so that it may be the name of a folder with a volume.
+/// Whether a store at a URL was not found, so that the URL may name a folder with a volume.
 bool may_be_folder(const Error& error, const std::string& location);
 
-/// Of a volume elsewhere: sets aside the same share of `memory`, and says in `options` how it is
-/// reached. Nothing for files. `first`: as in open_store().
+/// For a remote volume: sets aside the same share of `memory`, and adds the access to `options`.
+/// Does nothing for files. `first`: as in open_store().
 void reach_volume(const std::vector<std::string>& input, RemoteArguments& a, std::uint64_t& memory,
                   SourceOptions& options, Progress& progress, const std::string& first = {});
 
 /// {"remote_bytes", "requests", "round_trips", "cache_bytes"}
 Json fetched_json(const FetchedCounts& counts);
-/// "fetched 5.2 MB in 31 requests, 9 round trips; 0 B from the cache", with a line's end.
+/// "fetched 5.2 MB in 31 requests, 9 round trips; 0 B from the cache", terminated by a newline.
 std::string fetched_text(const FetchedCounts& counts);
-/// Of a store elsewhere: "remote" and a line of text. Nothing for a file.
+/// For a remote store, adds "remote" and a line of text. Does nothing for a file.
 void add_fetched(const Store& store, Result& result);
-/// The same of a volume, under this key.
+/// The same for a volume; the member of the JSON is called `key`.
 void add_fetched(const VolumeSource& volume, Result& result, const char* key = "remote");
 
-/// An error that says how much memory is enough, with what is set aside on top.
+/// Increases the memory that the error's remedies ask for by what is set aside.
 Error with_set_aside(const Error& error, const RemoteArguments& a);
 
-/// What run() returns, with the note, or throws; its errors say of --memory what holds with what is
-/// set aside.
+/// Returns run() with the note added. In errors that it throws, the minimum for --memory includes
+/// what is set aside.
 template <class Run>
 Result run_beside_fetching(const RemoteArguments& a, const Run& run) {
     try {

@@ -19,7 +19,7 @@
 namespace isonest::detail::cli {
 
 ValueType parse_type(const std::string& text) {
-    // NumPy's and C's names. Those that end in 8 but f8 are of 8 bits, as everywhere in isonest.
+    // Names of NumPy and C. Except for f8, a trailing 8 means 8 bits, as everywhere in isonest.
     constexpr std::array<std::pair<std::string_view, std::string_view>, 14> kOthers{
         {{"u1", "uint8"},
          {"i1", "int8"},
@@ -53,7 +53,7 @@ ValueType parse_type(const std::string& text) {
 
 namespace {
 
-/// "A,B": for data in a plane.
+/// Whether the text has the form "A,B", for data in a plane.
 bool in_plane(const std::string& text) {
     return std::count(text.begin(), text.end(), ',') == 1;
 }
@@ -81,11 +81,11 @@ std::string without_blanks(const std::string& text) {
                                      : text.substr(from, text.find_last_not_of(' ') + 1 - from);
 }
 
-/// "5,:,:,:", "time=5,c=0" or, with numbers of axes, "0=5,-1=:".
+/// Parses "5,:,:,:", "time=5,c=0" or, with numbers of axes, "0=5,-1=:".
 std::vector<AxisIndex> parse_index(const std::string& text) {
     std::vector<AxisIndex> index;
     for (const std::string& part : items_of(text, ',')) {
-        const std::size_t sign = part.rfind('=');  // names may have one
+        const std::size_t sign = part.rfind('=');  // names may contain '='
         AxisIndex entry;
         if (sign != std::string::npos) {
             entry.axis = without_blanks(part.substr(0, sign));
@@ -108,7 +108,7 @@ std::vector<AxisIndex> parse_index(const std::string& text) {
     return index;
 }
 
-/// "10:200,:,-64:" along x, y and z.
+/// Parses "10:200,:,-64:", along x, y and z.
 std::array<NodeRange, 3> parse_crop(const std::string& text) {
     std::array<NodeRange, 3> crop;
     const std::vector<std::string> parts = items_of(text, ',');

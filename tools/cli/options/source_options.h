@@ -1,4 +1,4 @@
-// The options that say how to read an input volume.
+// The options for reading an input volume.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -11,21 +11,23 @@
 
 namespace isonest::detail::cli {
 
-/// Inverse of name_of(ValueType) for --type. Throws Error{invalid_argument}.
+/// Parses the value of --type; the inverse of name_of(ValueType). Throws Error{invalid_argument}.
 ValueType parse_type(const std::string& text);
 
-/// A vector of files (slices), a folder, a file, or "-" for standard input, which is copied to
-/// `scratch_folder` first.
+/// Opens files (slices), a folder, a file, or standard input ("-"), which is first copied to
+/// `scratch_folder`. Throws what open_volume() throws.
 std::unique_ptr<VolumeSource> open_input(const std::vector<std::string>& input,
                                          const std::filesystem::path& scratch_folder,
                                          const SourceOptions& options);
 
-/// --dataset, --series, --index, --crop, --every, --dims, --type, --endian, --offset, --spacing,
-/// --origin, --missing and, unless a command has another option of that name, --labels.
+/// Adds --dataset, --series, --index, --crop, --every, --dims, --type, --endian, --offset,
+/// --spacing, --origin, --missing and, if `with_labels`, --labels (some commands have another
+/// option of that name).
 void add_source_options(CLI::App* command, SourceOptions& options, bool with_labels = true);
-/// "--dataset": one of them that was given; or empty.
+/// The name of one of these options that was given ("--dataset"), or empty.
 std::string given_source_option(const CLI::App& command);
-/// Throws Error{invalid_argument} where one was given for this store. `option`: it, or empty.
+/// Throws Error{invalid_argument} if `option`, one of these, is not empty: `store` is a store, not
+/// a volume.
 void require_no_source_option(const std::string& option, const std::string& store);
 
 }  // namespace isonest::detail::cli

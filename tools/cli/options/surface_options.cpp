@@ -16,7 +16,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-constexpr const char* kBare = "true";  ///< what a flag without a value says
+constexpr const char* kBare = "true";  ///< stands for a flag without a value
 
 Outside parse_outside(const std::string& text) {
     if (text == "below" || text == kBare) {
@@ -34,7 +34,7 @@ Outside parse_outside(const std::string& text) {
 }  // namespace
 
 CLI::Option* add_close_option(CLI::App* command, std::optional<Outside>& close) {
-    // A flag's value comes behind "=" alone, so that it never takes the name of a store.
+    // A value must follow "=", so that the flag never takes the name of a store.
     return command->add_flag("--close")->each(
         [&close](const std::string& text) { close = parse_outside(text); });
 }
@@ -218,7 +218,7 @@ void add_distance_options(CLI::App* c, DistanceArguments& a,
         a.by_error = text == "error";
     });
     by->needs(triangles);
-    // A flag's value comes behind "=" alone, so that it never takes the name of a store.
+    // A value must follow "=", so that the flag never takes the name of a store.
     CLI::Option* const keep = c->add_flag("--keep-analysis")->each([&a](const std::string& text) {
         a.analysis.emplace();
         if (text != "true") {

@@ -31,10 +31,11 @@ std::vector<std::string_view> split(std::string_view text, char separator) {
     }
 }
 
-/// The number at the start of `text` and what is left of it.
+/// Parses the number at the start of `text` and removes it from `text`.
 bool leading_number(std::string_view& text, double& value) {
     const char* const end = text.data() + text.size();
-    const bool plus = text.size() > 1 && text[0] == '+' && text[1] != '-';  // not for from_chars
+    // from_chars() does not accept a plus sign.
+    const bool plus = text.size() > 1 && text[0] == '+' && text[1] != '-';
     const char* const begin = text.data() + (plus ? 1 : 0);
     const auto [rest, error] = std::from_chars(begin, end, value);
     if (error != std::errc() || !std::isfinite(value)) {
@@ -208,7 +209,7 @@ std::string human_range(double low, double high) {
     }
     constexpr int kFewest = 6;
     constexpr int kMax = 17;
-    constexpr double kClose = 0.01;  // of the distance
+    constexpr double kClose = 0.01;  // relative to high - low
     for (int digits = kFewest;; ++digits) {
         const std::string a = fmt::format("{:.{}g}", low, digits);
         const std::string b = fmt::format("{:.{}g}", high, digits);

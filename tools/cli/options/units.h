@@ -1,4 +1,4 @@
-// Numbers as people write them on a command line, and as they like to read them.
+// Parses numbers on a command line, and formats numbers for people.
 #pragma once
 
 #include <cstdint>
@@ -12,32 +12,33 @@
 
 namespace isonest::detail::cli {
 
-// The parsers take the whole text or throw Error{invalid_argument}; `option` ("--iso") starts the
+// Parsers consume the whole text or throw Error{invalid_argument}; `option` ("--iso") starts the
 // message.
 
-/// "0.5mm": a length with its unit. No unit: it is a number alone.
+/// A length with its unit, "0.5mm"; without a unit, a plain number.
 struct Length {
     double value = 0;
     std::optional<LengthUnit> unit = {};
-    bool voxels = false;  ///< "0.5voxel": in place of a unit
+    bool voxels = false;  ///< "0.5voxel"; there is no unit then
 };
-/// >= 0. Throws Error{invalid_argument}, which lists the units, for a word that is none.
+/// A length >= 0. Throws Error{invalid_argument}, which lists the units, if the unit is unknown.
 Length parse_length(std::string_view option, std::string_view text);
-/// In a volume's unit. Throws Error{invalid_argument} for a length with a unit where the volume has
-/// none; `name`: of its file. REQUIRES: it is not in voxels.
+/// The length in the unit of a volume. Throws Error{invalid_argument} if the length has a unit but
+/// the volume has none; `name`: of the volume's file. REQUIRES: the length is not in voxels.
 double in_world_units(const Length& length, std::optional<LengthUnit> unit,
                       const std::string& name);
-/// " mm", or nothing where the unit is not known: to stand behind a length.
+/// " mm", to append to a length; empty if the unit is unknown.
 std::string unit_suffix(std::optional<LengthUnit> unit);
 
-/// "512M", "2G", "1GiB", "1.5g" or plain bytes; K, M, G, T are powers of 1024, whatever follows.
+/// "512M", "2G", "1GiB", "1.5g" or plain bytes. K, M, G and T are powers of 1024, with or without
+/// "iB" or "B".
 std::uint64_t parse_bytes(std::string_view option, std::string_view text);
 /// A finite number.
 double parse_number(std::string_view option, std::string_view text);
 /// An integer in [lowest, highest].
 std::int64_t parse_integer(std::string_view option, std::string_view text, std::int64_t lowest,
                            std::int64_t highest);
-/// Exactly `count` finite numbers with commas between them; `form` ("X,Y,Z") shows how.
+/// Exactly `count` finite numbers separated by commas; `form` ("X,Y,Z") is shown in the message.
 std::vector<double> parse_numbers(std::string_view option, std::string_view text, std::size_t count,
                                   std::string_view form);
 /// "X,Y,Z".
@@ -51,11 +52,11 @@ std::vector<int> parse_size(std::string_view option, std::string_view text, int 
 std::string human_bytes(double bytes);
 /// "1.2 M", "640": powers of 1000, three digits.
 std::string human_count(double count);
-/// "1000000000 to 1000000003": six digits, or as many as tell the ends and their distance apart;
-/// "none" if low is not <= high.
+/// "1000000000 to 1000000003": six digits, or as many as are needed to tell the ends apart and show
+/// their difference to 1 %; "none" unless low <= high.
 std::string human_range(double low, double high);
-/// "values 0 to 255", or "labels 0 to 720575940627185911" where values stand for labels of 64 bits.
-/// `low`, `high`: as a StoreReader has them.
+/// "values 0 to 255", or "labels 0 to 720575940627185911" for labels of 64 bits. `low`, `high`: as
+/// returned by StoreReader.
 std::string value_text(bool are_labels, double low, double high);
 /// "616.5": six digits, or as many as are needed to distinguish `value` from `value` + `apart`.
 std::string human_value(double value, double apart);

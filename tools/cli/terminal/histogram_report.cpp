@@ -41,7 +41,8 @@ std::string sampled(const Histogram& h) {
                                       h.looked, h.level, std::int64_t{1} << h.level);
 }
 
-/// What the surface passes through, where axes are flat too.
+/// The name of the elements that a surface passes through, which depends on the number of flat
+/// axes.
 const char* cubes_name(const Histogram& h) {
     return h.dimension == 3 ? "cubes" : h.dimension == 2 ? "squares" : "edges";
 }
@@ -67,7 +68,7 @@ std::string cubes_of(const Histogram& h) {
         edge);
 }
 
-/// Logarithmic; at least one sign for any.
+/// A bar of logarithmic length; at least one character unless `count` is 0.
 std::string bar(std::uint64_t count, std::uint64_t most) {
     constexpr double kSigns = 30;
     if (count == 0) {
@@ -108,7 +109,7 @@ std::string value_text(const Histogram& h, double value) {
     if (h.first_label) {
         return fmt::format("{}", *h.first_label + static_cast<std::int64_t>(std::round(value)));
     }
-    // Halves, because the differences of the largest numbers are no numbers.
+    // Halved, because the difference of the largest numbers would overflow.
     const std::vector<double>& low = h.bins.low;
     const double half_bin =
         low.empty() ? 0 : (h.bins.end / 2 - low.front() / 2) / static_cast<double>(low.size());

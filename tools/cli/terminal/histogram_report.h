@@ -1,4 +1,4 @@
-// A histogram for programs and for people, and the JSON of all reports.
+// Histograms as JSON and as text.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -8,18 +8,16 @@
 
 namespace isonest::detail::cli {
 
-// The JSON of all reports.
+// The JSON type of all reports.
 
-using Json = nlohmann::ordered_json;  // keeps the order in which it was filled
+using Json = nlohmann::ordered_json;  // keeps the order of insertion
 
-/// All bins.
+/// The histogram with all bins.
 Json histogram_json(const Histogram& h);
 
-// A histogram for people.
-
-/// The value, as exactly as it takes to tell bins apart (of integers, halves).
+/// The value with as many digits as are needed to tell the bins apart (for integers, halves).
 std::string value_text(const Histogram& h, double value);
-/// At most 32 rows, the suggestions, and what the numbers are of.
+/// At most 32 rows, the suggested isovalues, and an explanation of the numbers.
 std::string histogram_text(const Histogram& h);
 
 }  // namespace isonest::detail::cli

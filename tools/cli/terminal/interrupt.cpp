@@ -26,13 +26,13 @@ std::atomic<void (*)()> before_end{nullptr};
 static_assert(std::atomic<void (*)()>::is_always_lock_free);
 
 extern "C" void on_signal(int signal) {
-    // A terminal that is closed hangs up twice, once itself and once through its shell.
+    // When a terminal is closed, SIGHUP arrives twice: from the terminal and from its shell.
     if (signals.fetch_add(1) > 0 && signal != SIGHUP) {
         ::_exit(static_cast<int>(ErrorKind::cancelled));
     }
 }
 
-/// A page of a mapped file that is not there any more.
+/// Raised on access to a mapped file that was truncated.
 extern "C" void on_bus_error(int /*signal*/) {
     constexpr char kMessage[] =
         "isonest: an input file or store was truncated, or its disk failed, while it was being "
@@ -56,7 +56,7 @@ void watch_signals() {
     ::sigaction(SIGXCPU, &action, nullptr);
     struct sigaction before {};
     ::sigaction(SIGHUP, nullptr, &before);
-    if (before.sa_handler != SIG_IGN) {  // else nohup asked for that
+    if (before.sa_handler != SIG_IGN) {  // SIG_IGN is set by nohup
         ::sigaction(SIGHUP, &action, nullptr);
     }
     action.sa_handler = SIG_IGN;
@@ -80,7 +80,7 @@ bool interrupted() {
 
 namespace {
 
-/// Whether a name goes on after the prefix with the id of a process that is not running.
+/// Whether `name` is `prefix` followed by the id of a process that is no longer running.
 bool is_of_a_run_that_is_over(std::string_view name, std::string_view prefix) {
     if (!name.starts_with(prefix)) {
         return false;
@@ -106,7 +106,7 @@ std::string message_of(const std::filesystem::path& file) {
     return fmt::format("{} ({}) was left by a killed run; delete it", path, size);
 }
 
-/// A file that goes with another one that is there, which is named for both.
+/// Whether the file accompanies another file that exists; that one's message names both.
 bool goes_with_another(const std::string& path) {
     for (const std::string_view end : {".journal", ".centres"}) {
         std::error_code ignored;

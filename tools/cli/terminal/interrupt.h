@@ -1,4 +1,4 @@
-// Ctrl-C and kill, and what a killed run left behind.
+// Ctrl-C and other signals, and files left by killed runs.
 #pragma once
 
 #include <filesystem>
@@ -7,28 +7,29 @@
 
 namespace isonest::detail::cli {
 
-// Ctrl-C and kill, as a flag that long work can read.
+// Signals as a flag that long work can poll.
 
-/// From now on SIGINT, SIGTERM, SIGHUP and SIGXCPU only set a flag; the second one (not a SIGHUP)
-/// ends the process at once (130). SIGHUP stays ignored where it is. SIGPIPE is ignored. A write
-/// past a file size limit becomes an ordinary error; a mapped file that is truncated while it is
-/// read ends the process with a message and exit code 6.
+/// From now on SIGINT, SIGTERM, SIGHUP and SIGXCPU only set a flag; a second signal other than
+/// SIGHUP ends the process at once (exit code 130). SIGHUP stays ignored if it was. SIGPIPE is
+/// ignored. A write beyond a file size limit becomes an ordinary error. A mapped file that is
+/// truncated while it is read ends the process with a message and exit code 6.
 void watch_signals();
 
-/// Called, if a truncated file ends the process, before it ends: async-signal-safe.
+/// Registers a function that is called before a truncated file ends the process. It must be
+/// async-signal-safe.
 void before_a_bus_error_ends_the_program(void (*last)());
 
-/// For the report, when the outputs are done: a reader that went away (head) ends the program as is
-/// usual, without a message.
+/// Restores the default action of SIGPIPE. Call it before printing the report, when the outputs are
+/// complete: the program then ends without a message if the reader (e.g. head) has closed the pipe.
 void let_a_closed_pipe_end_the_program();
 
-/// True once one of the first four came. Thread-safe.
+/// Whether SIGINT, SIGTERM, SIGHUP or SIGXCPU has arrived. Thread-safe.
 bool interrupted();
 
-// What a killed run left behind.
+// Files left by killed runs.
 
-/// Names the temporary files of `output` whose run is over, and how to remove them; empty if there
-/// are none. Deletes nothing.
+/// Lists temporary files of `output` whose run has ended, and says how to remove them; empty if
+/// there are none. Deletes nothing.
 std::string leftovers_of(const std::filesystem::path& output);
 /// The same for several outputs.
 std::string leftovers_of(const std::vector<std::filesystem::path>& outputs);

@@ -17,19 +17,19 @@ enum class Say : std::uint8_t {
     bytes,    ///< "48M"
     options,  ///< "dims,type": "--dims and --type"
     forms,    ///< "dims,type": "--dims X,Y[,Z] and --type T"
-    list      ///< without spaces
+    list      ///< joined without spaces
 };
 
 struct Phrase {
     const char* name;
-    const char* option;    ///< that the command must have for `with`; empty: none
-    const char* with;      ///< {}: the value
-    const char* bare;      ///< the same if there is no value; empty: `with`
-    const char* without;   ///< where the command has no such option
-    Say say = Say::as_is;  ///< how the value is said
+    const char* option;    ///< that the command must have for `with` to apply; empty: none
+    const char* with;      ///< {} is replaced by the value
+    const char* bare;      ///< replaces `with` if there is no value; empty: `with` is used
+    const char* without;   ///< if the command does not have the option
+    Say say = Say::as_is;  ///< format of the value
 };
 
-/// A switch, so that the compiler misses what has no phrase.
+/// A switch, so that the compiler warns about a kind without a phrase.
 Phrase phrase_of(RemedyKind kind) {
     switch (kind) {
         case RemedyKind::replace_existing:
@@ -157,7 +157,7 @@ Phrase phrase_of(RemedyKind kind) {
     return {"unknown", "", "{}", "", ""};
 }
 
-/// The option for a member of SourceOptions, and what it takes.
+/// The option that sets a member of SourceOptions. `with_form`: followed by the form of its value.
 std::string option_of(std::string_view member, bool with_form) {
     constexpr std::array<std::array<std::string_view, 3>, 4> kForms{
         {{"dims", "--dims", " X,Y[,Z]"},
@@ -172,7 +172,7 @@ std::string option_of(std::string_view member, bool with_form) {
     return fmt::format("--{}", member);
 }
 
-/// "a", "a and b", "a, b and c": with `last` before the last one.
+/// "a", "a and b", "a, b and c"; `last` precedes the last item.
 std::string joined(const std::vector<std::string>& parts, const char* last) {
     std::string text;
     for (std::size_t i = 0; i < parts.size(); ++i) {
@@ -259,7 +259,7 @@ std::string message_of(const Error& error, const HasOption& has) {
     if (texts.empty()) {
         return what;
     }
-    // Behind a list, on a line of its own.
+    // A message that is a list is followed by a line of its own.
     const char* const before = what.find('\n') == std::string::npos ? "; " : "\n";
     return what + before + joined(texts, texts.size() > 2 ? ", or " : " or ");
 }

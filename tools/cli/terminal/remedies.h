@@ -1,4 +1,4 @@
-// What an error says to the user: the library's remedies as options of the command at hand.
+// Error messages for users: remedies of the library become options of the command.
 #pragma once
 
 #include <functional>
@@ -10,19 +10,19 @@
 
 namespace isonest::detail::cli {
 
-/// Whether the command at hand has an option of this name ("--memory").
+/// Whether the command has an option of this name ("--memory").
 using HasOption = std::function<bool(const std::string& option)>;
 
-/// "more_memory": the name of the enumerator, for programs.
+/// The name of the enumerator, "more_memory", for programs.
 std::string name_of(RemedyKind kind);
-/// "corrupt"; "internal" for what is no ErrorKind.
+/// The name of the enumerator, "corrupt"; "internal" if the value is not an enumerator.
 std::string name_of(ErrorKind kind);
 
-/// "give at least --memory 48M"; without the name of the option where the command has none.
+/// "give at least --memory 48M"; does not name the option if the command does not have it.
 std::string text_of(const Remedy& remedy, const HasOption& has);
 
-/// what(), and behind it the remedies: "s.isonest: exists; give --force to replace it or give
-/// another name".
+/// what() followed by the remedies: "s.isonest: exists; give --force to replace it or give another
+/// name".
 std::string message_of(const Error& error, const HasOption& has);
 
 /// {"kind", "message", "file", "inside", "remedies": [{"kind", "value", "text"}]}

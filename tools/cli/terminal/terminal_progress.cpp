@@ -15,7 +15,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-constexpr double kSettled = 0.5;  // seconds before a rate means something
+constexpr double kSettled = 0.5;  // seconds before a rate is meaningful
 
 int terminal_columns() {
     winsize size{};
@@ -72,7 +72,7 @@ const ProgressStage* WholeProgress::begin(std::string_view phase) {
             return &stages_[i];
         }
     }
-    // Once more: what was done of it stays where it is.
+    // A stage that comes again does not move the progress back.
     for (const ProgressStage& stage : stages_) {
         if (stage.phase == phase) {
             return &stage;

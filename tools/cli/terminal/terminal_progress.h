@@ -14,36 +14,37 @@
 
 namespace isonest::detail::cli {
 
-/// Where a phase is.
+/// The state of a phase.
 struct ProgressState {
     std::string phase;
     std::string unit;  ///< "B" for bytes, else a plural noun
     std::uint64_t done = 0;
     std::uint64_t total = 0;   ///< 0 = unknown
     double seconds = 0;        ///< since the phase began
-    double whole = -1;         ///< part of the whole run that is done; below 0: unknown
+    double whole = -1;         ///< fraction of the whole run that is done; below 0: unknown
     double whole_seconds = 0;  ///< since the run began
 };
 
-/// A phase of a run: what a user calls it, and how long it usually takes beside the others.
+/// A phase of a run: its name for users, and its typical duration relative to the others.
 struct ProgressStage {
     std::string phase;
     std::string words;
     double weight = 1;
 };
 
-/// "[########------------]  43 %  reading the volume   312 MB/s   12 s left", of a run; of a phase
-/// by itself "export   43 %   312 MB/s   12 s left". Cut to `columns`.
+/// For a run "[########------------]  43 %  reading the volume   312 MB/s   12 s left", for a
+/// single phase "export   43 %   312 MB/s   12 s left". Truncated to `columns`.
 std::string progress_line(const ProgressState& state, int columns);
 
-/// How far a run is whose stages usually come in this order; those that have not come before the
-/// current one are left out. It never goes back.
+/// Progress of a run whose stages usually occur in this order. Stages before the current one that
+/// have not occurred are left out of the total. Progress never decreases.
 class WholeProgress {
   public:
     explicit WholeProgress(std::vector<ProgressStage> stages) : stages_(std::move(stages)) {}
-    /// Nothing for a phase that is no stage.
+    /// Starts a phase and returns its stage; null if the phase is not a stage.
     const ProgressStage* begin(std::string_view phase);
-    /// `part` of the current stage is done. Below 0 without stages.
+    /// The fraction of the run that is done when the fraction `part` of the current stage is; below
+    /// 0 if there are no stages.
     double at(double part);
 
   private:
@@ -54,7 +55,7 @@ class WholeProgress {
     double whole_ = 0;
 };
 
-/// Reads interrupted(); draws on stderr, five times per second at most, if `show`.
+/// Is cancelled by interrupted(); if `show`, draws on stderr at most five times per second.
 class TerminalProgress : public Progress {
   public:
     explicit TerminalProgress(bool show, std::vector<ProgressStage> stages = {})

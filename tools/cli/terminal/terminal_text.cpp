@@ -17,7 +17,7 @@ namespace isonest::detail::cli {
 
 namespace {
 
-/// Of the character that begins with this byte; 1 where none does.
+/// Length of the UTF-8 character that begins with this byte; 1 if no character does.
 std::size_t length_of(unsigned char first) {
     return first >= 0xF0U ? 4 : first >= 0xE0U ? 3 : first >= 0xC0U ? 2 : 1;
 }
@@ -29,7 +29,7 @@ bool turns_direction(std::string_view character) {
            (character >= "\xE2\x81\xA6" && character <= "\xE2\x81\xA9" && character.size() == 3);
 }
 
-/// U+0080 to U+009F: C2 and their number.
+/// U+0080 to U+009F, encoded as C2 followed by the number.
 bool is_latin_control(std::string_view character) {
     return character.size() == 2 && character[0] == '\xC2' &&
            static_cast<unsigned char>(character[1]) < 0xA0U &&
@@ -95,10 +95,10 @@ std::vector<std::string> nearest_names(const std::string& word,
     const std::size_t least = word.size() / 3 + 1;
     std::vector<std::pair<std::size_t, std::string>> near;
     for (const std::string& name : names) {
-        // The beginning of a longer name may be meant, too.
+        // The word may be the beginning of a longer name.
         const bool begins = name.starts_with(word) && word.size() > 3;
         if (!begins && name.size() >= word.size() + least) {
-            continue;  // at least so many letters are missing
+            continue;  // at least `least` letters are missing
         }
         const std::size_t count = begins ? 1 : edits(word, name);
         if (count < least) {
@@ -123,9 +123,9 @@ std::optional<std::string> nearest_name(const std::string& word,
 
 namespace {
 
-constexpr std::size_t kLeft = 28;  ///< characters for the names
+constexpr std::size_t kLeft = 28;  ///< columns for the names
 
-/// A name on the left and words on the right.
+/// A name on the left and its description on the right.
 std::string row(const std::string& name, const std::string& words) {
     std::string text = "  " + name;
     if (words.empty()) {
@@ -181,7 +181,7 @@ std::string HelpFormat::make_option(const CLI::Option* option, bool is_positiona
     std::string name = option->get_name(is_positional, true);
     std::replace(name.begin(), name.end(), '\n', ' ');
     if (!is_positional && !option->get_type_name().empty()) {
-        // "[=N]", of a flag, stands behind its name.
+        // The form of a flag, "[=N]", follows the name without a blank.
         name += (option->get_type_name().starts_with('[') ? "" : " ") + option->get_type_name();
     }
     const std::string must = !is_positional && option->get_required() ? " (required)" : "";
@@ -211,7 +211,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The folder with the zstd filter: of the build tree, or where the program is installed. Empty if
+/// The folder with the zstd filter plugin: that of the build tree, or the installed one; empty if
 /// there is none.
 std::string filter_folder() {
     std::error_code error;

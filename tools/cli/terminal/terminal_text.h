@@ -1,4 +1,4 @@
-// Words on a terminal: of others, for help, and for who mistyped.
+// Text on a terminal: escaping, suggestions for mistyped names, and the format of the help.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -10,23 +10,24 @@
 
 namespace isonest::detail::cli {
 
-// What others have written, for a terminal.
+// Untrusted text on a terminal.
 
-/// The text with what may move, colour or rename the terminal written out: control characters,
-/// those of Unicode that turn the direction of text, and bytes that are no UTF-8, as \x1b.
+/// Escapes (as \x1b) everything in the text that could move the cursor, change colours or affect
+/// the terminal: control characters, Unicode characters that change the direction of text, and
+/// bytes that are not UTF-8.
 std::string shown_text(std::string_view text);
-/// The same of a message or a report, which may have several lines: ends of lines and tabs stay.
+/// The same for a message or report of several lines: newlines and tabs are kept.
 std::string shown_lines(std::string_view text);
 
-// What somebody may have meant who mistyped a name.
+// Suggestions for mistyped names.
 
-/// The one of `names` that differs least from `word`: by no more than a third of its letters being
-/// inserted, left out, replaced, or swapped with the next one. Source: F. Damerau, "A technique for
+/// The name with the smallest edit distance to `word`, if at most a third of its letters were
+/// inserted, deleted, replaced, or swapped with the next one. Source: F. Damerau, "A technique for
 /// computer detection and correction of spelling errors", CACM 7 (1964).
 std::optional<std::string> nearest_name(const std::string& word,
                                         const std::vector<std::string>& names);
 
-/// Up to `most` of them that differ as little, the nearest first.
+/// Up to `most` such names, nearest first.
 std::vector<std::string> nearest_names(const std::string& word,
                                        const std::vector<std::string>& names, std::size_t most);
 
@@ -34,27 +35,27 @@ std::vector<std::string> nearest_names(const std::string& word,
 
 inline constexpr std::size_t kHelpColumns = 80;
 
-/// Lines of words, the first one after `column` characters that are there already, the others
-/// indented by `indent`. What is one word stays one, and an empty line stays.
+/// Wraps the text. The first line begins after `column` characters that are already written, the
+/// others are indented by `indent`. Words are not broken, and empty lines are kept.
 std::string wrapped(const std::string& text, std::size_t column, std::size_t indent);
 
-/// Names and values of options on the left, what they mean on the right; which options exclude or
-/// need each other is left to the errors.
+/// Names and values of options on the left, descriptions on the right. Exclusions and requirements
+/// are not listed; error messages explain them.
 class HelpFormat : public CLI::Formatter {
   public:
-    /// Of the whole program the first line of each command.
+    /// In the help of the program: the summary of each command.
     std::string make_subcommand(const CLI::App* command) const override;
     std::string make_option(const CLI::Option* option, bool is_positional) const override;
-    /// Of a command with the groups of the table of options, in its order.
+    /// In the help of a command: the groups of the table of options, in order.
     std::string make_help(const CLI::App* app, std::string name,
                           CLI::AppFormatMode mode) const override;
     std::string make_description(const CLI::App* app) const override;
 };
 
-// How other programs open a store.
+// Stores in other programs.
 
-/// For the help: under which names ParaView opens a store, and where the filter is that HDF5 needs
-/// for it. Sources: ParaView's readers_iohdf.xml (5.12 and later: vtkhdf, hdf), and the
+/// For the help: the readers with which ParaView opens a store, and the folder of the HDF5 filter
+/// that they need. Sources: ParaView's readers_iohdf.xml (5.12 and later: vtkhdf, hdf), and the
 /// documentation of VTKHDFReader of 5.11 (hdf).
 std::string paraview_hint();
 

@@ -1,11 +1,11 @@
-"""Isosurfaces and slices from volumes of any size, with an error that you choose and that is kept.
+"""Isosurfaces and slices from volumes of any size, within an error bound that you choose.
 
     isonest.preprocess(array, "x.isonest")
     store = isonest.open("x.isonest")
     vertices, faces, normals, values = store.isosurface(120, error=5)
 
-Arrays are [z, y, x], as scikit-image has them, and so are the coordinates of meshes unless
-``coordinates="world"`` asks for (x, y, z).
+The axes of arrays and the coordinates of meshes are in the order (z, y, x), as in scikit-image;
+``coordinates="world"`` selects (x, y, z).
 """
 from __future__ import annotations
 
@@ -33,13 +33,16 @@ __all__ = ["preprocess", "open", "view", "isosurface", "smooth", "Store", "View"
 
 def open(path: "os.PathLike[str] | str", *, headers: Headers = None,
          cache: "os.PathLike[str] | str | None" = None, memory: Bytes = "64M") -> Store:
-    """Opens a store, a file or a URL (https://, http://, s3://bucket/key). A file is mapped, not read: only what is
-    asked for is read from it. Of an object at a URL only what is asked for is fetched.
+    """Opens a store in a file or at a URL (https://, http://, s3://bucket/key).
 
-    Of a store at a URL: headers are sent with each request, to its own server alone. cache: a folder that keeps what
-    was fetched for other runs, "FOLDER:SIZE" with its largest size (else 1G). memory: bytes of what was fetched that
-    are kept, beside the memory of queries. :attr:`Store.fetched` says what was fetched. Of a file, none of these
-    three is used.
+    A file is memory-mapped; from a URL, only the data needed are fetched. The keyword arguments apply to URLs and are
+    ignored for files:
+
+    headers: sent with each request, but only to the store's own server.
+    cache: a folder that keeps fetched data for later runs; "FOLDER:SIZE" limits its size (default 1G).
+    memory: bytes of fetched data kept in memory, in addition to the memory of queries.
+
+    :attr:`Store.fetched` counts what was fetched. Raises subclasses of :class:`isonest.Error`.
     """
     return Store(path, headers=headers, cache=cache, memory=memory)
 
@@ -47,6 +50,6 @@ def open(path: "os.PathLike[str] | str", *, headers: Headers = None,
 def view(path: "os.PathLike[str] | str", *, headers: Headers = None,
          cache: "os.PathLike[str] | str | None" = None, port: int = 0, memory: Bytes = "1G", threads: int = 0,
          open: Optional[bool] = None, height: int = 600, program: "os.PathLike[str] | str | None" = None) -> View:
-    """Shows a store in a window of the browser; the arguments are those of :func:`open` and :meth:`Store.view`."""
+    """Shows a store in the browser. The arguments are those of :func:`open` and :meth:`Store.view`."""
     with Store(path, headers=headers, cache=cache) as store:
         return store.view(port=port, memory=memory, threads=threads, open=open, height=height, program=program)

@@ -1,4 +1,4 @@
-"""Arguments in the forms that people give them."""
+"""Types of arguments, and their conversion."""
 from __future__ import annotations
 
 import contextlib
@@ -9,14 +9,14 @@ from typing import Any, Callable, Iterator, Mapping, Optional, Sequence, Tuple, 
 Point = Sequence[float]
 """Three numbers, in the order of the array's axes (z, y, x) or, in world coordinates, (x, y, z)."""
 Box = Tuple[Point, Point]
-"""The corner with the smallest coordinates, and the one with the largest."""
+"""The corners with the smallest and the largest coordinates."""
 Bytes = Union[int, str]
-"""A number of bytes, or a text such as "512M"; K, M, G and T are powers of 1024."""
+"""A number of bytes, or a string such as "512M"; K, M, G and T are powers of 1024."""
 ProgressFunction = Callable[[str, int, int, str], Any]
-"""Called as ``function(phase, done, total, unit)`` with the unit "B" for bytes, else a plural noun."""
+"""Called as ``function(phase, done, total, unit)`` ; the unit is "B" for bytes, otherwise a plural noun."""
 Progress = Union[None, bool, ProgressFunction]
 Headers = Union[None, Mapping[str, str], Sequence[str]]
-"""A dict of names and values, or texts "Name: value"."""
+"""A dict of names and values, or strings "Name: value"."""
 
 _BYTES = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?)\s*([KMGT]?)(?:I?B)?\s*", re.IGNORECASE)
 _HEADER = re.compile(r"[-!#$%&'*+.^_`|~0-9A-Za-z]+:[^\x00-\x08\x0a-\x1f\x7f]*")
@@ -25,7 +25,7 @@ _DISTANCE = re.compile(r"\s*([0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(voxels?)?\s*")
 
 
 def to_bytes(memory: Bytes) -> int:
-    """The number of bytes that ``memory`` says."""
+    """The number of bytes. Raises ValueError for a malformed or negative argument."""
     if isinstance(memory, str):
         found = _BYTES.fullmatch(memory)
         if not found:
@@ -37,7 +37,7 @@ def to_bytes(memory: Bytes) -> int:
 
 
 def to_cache(cache: "os.PathLike[str] | str | None") -> "tuple[str, int]":
-    """A folder, empty without one, and the bytes that it holds at most. "FOLDER:SIZE" is a text."""
+    """The folder (empty if None) and its largest size in bytes. Only a str may have the form "FOLDER:SIZE"."""
     most = 2**30
     folder = os.fspath(cache) if cache is not None else ""
     if isinstance(cache, str):
@@ -51,7 +51,7 @@ def to_cache(cache: "os.PathLike[str] | str | None") -> "tuple[str, int]":
 
 
 def to_header_lines(headers: Headers) -> "list[str]":
-    """Each as "Name: value". What is refused is not quoted, as it may be secret."""
+    """The headers as "Name: value". Messages do not quote malformed headers, as they may be secret."""
     if isinstance(headers, str):
         raise TypeError("headers: give a dict of names and values, or a list of texts 'Name: value'")
     lines = [f"{name}: {value}" for name, value in headers.items()] if isinstance(headers, Mapping) \
@@ -62,7 +62,7 @@ def to_header_lines(headers: Headers) -> "list[str]":
 
 
 def in_own_unit(distance: Union[None, float, str], store: Any) -> Union[None, float, str]:
-    """The number of units of a store of _core, where the distance has a unit of length; else the distance."""
+    """A distance with a unit of length, converted to the unit of ``store`` (of _core); other distances unchanged."""
     found = _LENGTH.fullmatch(distance) if isinstance(distance, str) else None
     if not found or found[2] in ("voxel", "voxels"):
         return distance
@@ -70,7 +70,7 @@ def in_own_unit(distance: Union[None, float, str], store: Any) -> Union[None, fl
 
 
 def to_distance(distance: Union[float, str]) -> tuple[float, bool]:
-    """The number, and whether it counts voxels."""
+    """The number, and whether its unit is voxels."""
     if not isinstance(distance, str):
         return float(distance), False
     found = _DISTANCE.fullmatch(distance)
@@ -80,7 +80,7 @@ def to_distance(distance: Union[float, str]) -> tuple[float, bool]:
 
 
 def to_point(name: str, point: Point) -> tuple[float, float, float]:
-    """Three floats."""
+    """The coordinates as floats. Raises ValueError unless there are three."""
     numbers = tuple(float(number) for number in point)
     if len(numbers) != 3:
         raise ValueError(f"{name}={point!r}: give three numbers")
@@ -88,13 +88,13 @@ def to_point(name: str, point: Point) -> tuple[float, float, float]:
 
 
 def backwards(numbers: Sequence[Any]) -> tuple[Any, Any, Any]:
-    """From the order of an array's axes to x, y, z, and back."""
+    """Reverses the order of the axes: (z, y, x) to (x, y, z) and back."""
     z, y, x = numbers
     return x, y, z
 
 
 def per_axis(name: str, numbers: Sequence[Any], ndim: int, along_z: Any) -> tuple[Any, Any, Any]:
-    """Of an array with ``ndim`` axes, in the order of its axes: as x, y, z."""
+    """Numbers for the axes of an array with ``ndim`` axes as (x, y, z); ``along_z`` is inserted for two axes."""
     if len(numbers) != ndim:
         raise ValueError(f"{name}={numbers!r}: give {ndim} numbers, in the order of the array's axes")
     return backwards((along_z, *numbers) if ndim == 2 else numbers)
@@ -102,7 +102,7 @@ def per_axis(name: str, numbers: Sequence[Any], ndim: int, along_z: Any) -> tupl
 
 @contextlib.contextmanager
 def reporting(progress: Progress) -> Iterator[Optional[ProgressFunction]]:
-    """The function that is called, with ``True`` one that draws bars with tqdm."""
+    """Yields the function to call with progress, or None. For ``True``, it draws bars with tqdm."""
     if progress is None or progress is False:
         yield None
         return

@@ -1,4 +1,4 @@
-"""The compiled part of isonest. Coordinates are those of the world: x, y, z."""
+"""The compiled part of isonest. Coordinates are world coordinates (x, y, z)."""
 import os
 import pathlib
 from typing import Any, Callable, Dict, List, Optional, Sequence, Set, Tuple, Union
@@ -68,7 +68,7 @@ class PreprocessOptions:
 def preprocess(source: Source, store: _Path, options: PreprocessOptions, progress: _Report) -> PreprocessReport: ...
 
 class PreprocessReport:
-    """What isonest.preprocess has done."""
+    """The report of isonest.preprocess."""
     @property
     def shape(self) -> Tuple[int, int, int]: ...
     @property
@@ -93,7 +93,7 @@ class PreprocessReport:
     def seconds(self) -> float: ...
 
 class TriangleQuality:
-    """The smallest angles of triangles, in degrees."""
+    """Distribution of the smallest angles of the triangles, in degrees."""
     @property
     def least(self) -> float: ...
     @property
@@ -108,7 +108,7 @@ class TriangleQuality:
     def narrow_share(self) -> float: ...
 
 class Report:
-    """How a mesh was made, and what is known of it."""
+    """The report of an extraction: how the mesh was made, and its properties."""
     @property
     def vertices(self) -> int: ...
     @property
@@ -360,7 +360,7 @@ class StoredArray:
     def alias(self) -> bool: ...
 
 class Analysis:
-    """A kept analysis of a surface; see keep_analysis=."""
+    """A kept analysis of a surface; see ``keep_analysis``."""
     @property
     def path(self) -> pathlib.Path: ...
     @property
@@ -373,7 +373,7 @@ class Analysis:
     def steps(self) -> List[Tuple[float, int]]: ...
 
 class Finding:
-    """One thing that is wrong with a store."""
+    """A problem found in a store."""
     @property
     def test(self) -> str: ...
     @property
@@ -388,7 +388,7 @@ class Finding:
     def message(self) -> str: ...
 
 class CheckReport:
-    """What Store.check has found."""
+    """The report of Store.check."""
     @property
     def ok(self) -> bool: ...
     @property
@@ -421,7 +421,7 @@ class StudyOptions:
     def set_plane(self, normal: _Double3, offset: float) -> None: ...
 
 class StudyRow:
-    """One threshold of one field: the mesh that is refined where the field is not below it."""
+    """One field and threshold: figures of the mesh refined where the field is not below the threshold."""
     @property
     def field(self) -> str: ...
     @property
@@ -471,7 +471,7 @@ class SmoothOptions:
     def __init__(self) -> None: ...
 
 class SmoothStep:
-    """What a step of isonest.smooth did."""
+    """The report of a step of isonest.smooth."""
     @property
     def unknowns(self) -> int: ...
     @property

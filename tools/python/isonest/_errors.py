@@ -1,46 +1,46 @@
-"""The exceptions of isonest. Each is also one of Python's own that fits."""
+"""The exceptions of isonest. Each also derives from a suitable built-in exception."""
 from __future__ import annotations
 
 
 class Error(Exception):
-    """What all errors of isonest have in common."""
+    """Base class of all exceptions of isonest."""
 
     file: str = ""
-    """The file, or what was asked for where there is none; may be empty."""
+    """The file, or the name given by the caller if there is no file; may be empty."""
     inside: str = ""
-    """The place in the file; may be empty."""
+    """The position in the file; may be empty."""
     problem: str = ""
-    """The message without the place and without what can be done."""
+    """The message without position and remedies."""
     remedies: tuple[str, ...] = ()
-    """What can be done, the most likely first."""
+    """Suggested remedies, most likely first."""
 
 
 class InvalidArgumentError(Error, ValueError):
-    """The request makes no sense; nothing was touched."""
+    """An invalid argument or combination of arguments; no file was changed."""
 
 
 class NotFoundError(Error, FileNotFoundError):
-    """A file, dataset, level or field that is not there."""
+    """A file, dataset, level or field does not exist."""
 
 
 class CorruptError(Error, ValueError):
-    """Bytes that contradict their own format or checksum."""
+    """Data that violate their format or do not match their checksum."""
 
 
 class UnsupportedError(Error, NotImplementedError):
-    """Well formed, but nothing that this version can do."""
+    """A valid request or file that this version does not support."""
 
 
 class InputOutputError(Error, OSError):
-    """The operating system or a library refused a read or a write."""
+    """Reading or writing failed in the operating system or a library."""
 
 
 class LimitError(Error, RuntimeError):
-    """The work needs a larger format, or more of something, than there is."""
+    """A limit of the format or the system is exceeded."""
 
 
 class MemoryLimitError(LimitError, MemoryError):
-    """The work needs more memory than ``memory=`` allows. ``remedies`` names what is enough."""
+    """The work needs more memory than ``memory=`` allows. ``remedies`` contains the minimum required."""
 
 
 class CancelledError(Error, KeyboardInterrupt):

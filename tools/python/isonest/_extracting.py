@@ -1,4 +1,4 @@
-"""Surfaces, slices, contour lines and graphs of a store."""
+"""Extraction of surfaces, slices, contour lines and graphs from a store."""
 from __future__ import annotations
 
 import os
@@ -17,7 +17,7 @@ _Path = Union[str, "os.PathLike[str]"]
 
 
 class Extracting:
-    """What is extracted from a store."""
+    """The methods that extract meshes; the base class of stores and of volumes without a store."""
 
     _core: Any
 
@@ -71,48 +71,53 @@ class Extracting:
                    close: Close = None, volume_interval: bool = False, coordinates: Coordinates = "array",
                    gradient_direction: str = "descent", quality: bool = False, memory: Bytes = "1G", threads: int = 0,
                    scratch: _Path = "", progress: Progress = None) -> "Mesh | list[Mesh]":
-        """The surface on which the data have the value ``iso``; of data in a plane, the lines.
+        """Extracts the surface on which the data have the value ``iso``; for data in a plane, isolines.
 
-        iso: a number; or several, for which the store is read once, and a list of their meshes is returned, each as
-            of its isovalue alone.
-        error: how far the data may be from ``iso``, anywhere on the mesh, in units of the data; 0 is full
+        iso: a number; or several numbers, for which the store is read once and a list of meshes is returned, the same
+            meshes as for each isovalue alone.
+        error: largest difference between the data and ``iso`` anywhere on the mesh, in units of the data; 0 is full
             resolution. error_relative: the same as a fraction of the data's range.
-        indicator: "deviation" and "plus" are bounds, "estimate" is none.
+        indicator: "deviation" and "plus" are bounds, "estimate" is not.
         stop, threshold, threshold_relative: in place of an error, refine while this field of the store is not below
             the threshold, in the field's units or as a fraction of its largest value.
-        distance: in place of an error, how far the mesh may be from the surface at full resolution and the other
-            way round, in the units of the spacing; or a text such as "0.5voxel", or "0.5mm" if :attr:`unit` is known.
-        triangles: in place of an error, at most so many, at the smallest distance that is found; with a distance,
-            whichever is reached first. by: "error" makes the error small in place of the distance.
-        effort: how a mesh within an error or a distance is simplified. "best" leaves the fewest triangles, "fast" more
-            in less time, "none" those of the nested grid. None: "best", or "none" with ``stop``, ``focus``,
-            ``camera``, an "estimate" and for isolines within an error.
-        keep_analysis: True keeps an analysis of the surface beside the store, or give a folder: made once, in several
-            times the time; other distances and numbers of triangles then take little.
-        focus, falloff: the error holds at this point or in this box, and is 1 + falloff d times as large at the
-            distance d.
-        camera, pixels, fov, height: stop as well where a viewer at this place, with an angle of ``fov`` degrees from
-            top to bottom and a picture ``height`` pixels high, sees less than so many pixels.
-        box: only what is inside, ``((z0, y0, x0), (z1, y1, x1))`` in the coordinates of the result.
-        bound: the field by which elements without surface are left out; the tightest that the store has.
-        view, cull_by: leave out what faces away from a viewer who looks in this direction, by this field.
-        normals: at the vertices, from the data's gradient.
-        vertex_values: another store of the same shape whose values the vertices get; without one they have ``iso``.
-        vertex_error: a field at the vertices, by its name.
-        vertices: "exact" is where the finest data have the value, whatever the error; the bound is then twice it.
+        distance: in place of an error, the largest distance between the mesh and the surface at full resolution, in
+            both directions, in units of the spacing; or a string such as "0.5voxel", or "0.5mm" if :attr:`unit` is
+            known.
+        triangles: in place of an error, the largest number of triangles; the mesh has the smallest distance that was
+            found for it. With a distance, whichever is reached first. by: "error" minimises the error instead.
+        effort: how a mesh within an error or a distance is simplified. "best" gives the fewest triangles, "fast" more
+            in less time, "none" those of the nested grid. None: "best", but "none" with ``stop``, ``focus``,
+            ``camera`` or "estimate", and for isolines within an error.
+        keep_analysis: keep an analysis of the surface next to the store (True) or in a folder. The first extraction
+            then takes several times as long, but later ones with other distances or numbers of triangles are fast.
+        focus, falloff: the error holds at this point or in this box; at the distance d from it, 1 + falloff d times
+            the error is allowed.
+        camera, pixels, fov, height: also stop where a viewer at this position, with a vertical angle of view of
+            ``fov`` degrees and a picture ``height`` pixels high, sees less than ``pixels``.
+        box: extract only inside this box, ``((z0, y0, x0), (z1, y1, x1))``, in the coordinates of the result.
+        bound: the field used to skip elements without surface; None: the tightest in the store.
+        view, cull_by: leave out parts that face away from a viewer who looks in the direction ``view``, using the
+            field ``cull_by``.
+        normals: add vertex normals, from the data's gradient.
+        vertex_values: another store of the same shape, whose values are given to the vertices; otherwise they have
+            ``iso``.
+        vertex_error: name of a field whose values are given to the vertices.
+        vertices: "exact" puts them where the finest data have the value; the bound is then twice the error.
         cells: "hex" gives a third of the triangles. None: "hex" at full resolution, simplified or not, unless another
-            argument needs "tet"; within an error "hex" where that reads no more (``report.full_error_bound``), and
+            argument needs "tet"; within an error, "hex" if that reads no more (``report.full_error_bound``), and
             "tet" with ``effort="none"``.
-        components: of the connected pieces the "largest", so many of the largest, or "all", which counts them.
-        min_component: drop pieces of fewer triangles; min_volume: drop closed pieces around less than this volume.
-        close: a solid, of what is "below" the value outside of the volume (or True), or "above".
-        volume_interval: the report says between which volumes that of the solid at full resolution lies.
-        coordinates: "array" is (z, y, x) times the spacing, "world" is (x, y, z) with the origin.
-        gradient_direction: of the faces' corners, "descent" or "ascent", as scikit-image means it.
-        quality: the report says which angles the triangles have.
-        memory: bytes, beside the mesh. threads: 0 is all cores. scratch: a folder for temporary files.
+        components: keep the "largest" connected piece or this number of the largest; "all" only counts them.
+        min_component: drop pieces with fewer triangles. min_volume: drop closed pieces that enclose a smaller volume.
+        close: close the surface to a solid; the space outside the volume counts as "below" the isovalue (or True) or
+            "above" it.
+        volume_interval: report an interval that contains the solid's volume at full resolution.
+        coordinates: "array" is (z, y, x) times the spacing, "world" is (x, y, z) including the origin.
+        gradient_direction: orientation of the faces, "descent" or "ascent", as in scikit-image.
+        quality: report the angles of the triangles.
+        memory: bytes, in addition to the mesh. threads: 0 is all cores. scratch: a folder for temporary files.
+        progress: a function ``(phase, done, total, unit)``, or True for bars of tqdm.
 
-        A value that does not occur gives an empty mesh. Raises subclasses of :class:`isonest.Error`.
+        The mesh is empty if the value does not occur. Raises subclasses of :class:`isonest.Error`.
         """
         flip = _queries.is_flipped(gradient_direction)
         place = self._place(coordinates)
@@ -150,17 +155,16 @@ class Extracting:
                       coordinates: Coordinates = "array",
                       quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
                       progress: Progress = None) -> Mesh:
-        """The surface around the nodes with this label, half way to the others, whatever their labels are. A label is
-        given by its number, or by its name where the store has it.
+        """Extracts the surface around the nodes with this label, half-way to nodes with other labels.
 
-        The arguments are those of :meth:`isosurface`; inside the surface is "above", so ``close=True`` closes it
-        where the label reaches the border of the volume.
-
-        smooth: True, or how often vertices are moved, 0 to 64: a surface net in place of the staircase, which labels
-            that touch share, and which keeps every node of the volume on its side. With a distance or a number of
-            triangles (of all labels that are asked for together, each shared one once) it is simplified by one effort
-            alone, and nodes further than that distance stay on their sides.
-        keep_nodes: all nodes do, also within the distance.
+        label: its number, or its name if the store has names. The other arguments are those of :meth:`isosurface`.
+            The inside of the surface is "above", so ``close=True`` closes it where the label reaches the border of
+            the volume.
+        smooth: make a surface net in place of the staircase. True, or the number of smoothing passes, 0 to 64. Touching
+            labels share its faces, and every node of the volume stays on its side. With a distance or a number of
+            triangles (the total of all labels, shared ones counted once) it is simplified, whatever ``effort`` is;
+            then only nodes further away than the distance are sure to stay on their sides.
+        keep_nodes: keep all nodes on their sides, even within the distance.
         """
         place = self._place(coordinates)
         query = self._label_query(place, distance, triangles, effort, box, normals, vertex_values, cells, components,
@@ -178,9 +182,9 @@ class Extracting:
                        coordinates: Coordinates = "array",
                        quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
                        progress: Progress = None) -> "dict[int, Mesh]":
-        """The surfaces of these labels, several at a time; without labels those of all but 0.
+        """Extracts the surfaces of several labels; None: of all labels but 0. Returns a mesh per label.
 
-        The arguments are those of :meth:`label_surface`. Smooth ones come out of one traversal for all labels.
+        The arguments are those of :meth:`label_surface`. Smooth surfaces are made in one traversal for all labels.
         """
         place = self._place(coordinates)
         query = self._label_query(place, distance, triangles, effort, box, normals, vertex_values, cells, components,
@@ -196,17 +200,18 @@ class Extracting:
                    triangles: Optional[int] = None, smooth: Smooth = True, keep_nodes: bool = False, close: Close = None,
                    coordinates: Coordinates = "array", quality: bool = False, memory: Bytes = "1G", threads: int = 0,
                    scratch: _Path = "", progress: Progress = None) -> Mesh:
-        """All that lies between labels as one mesh, each vertex and face once: what the meshes of
-        :meth:`label_surfaces` with ``smooth`` and ``close`` share, and are cut from.
+        """Extracts the interfaces between labels as one mesh that contains each vertex and face once.
 
-        labels: interfaces with at least one of them beside; None: with any label but 0.
-        distance, triangles: the mesh is simplified; lines where three labels meet, too.
-        smooth: True, or how often vertices are moved, 0 to 64; 0 leaves the faces of the voxels.
+        The meshes of :meth:`label_surfaces` with ``smooth`` and ``close`` consist of faces of this mesh.
+
+        labels: extract interfaces with at least one of these labels on a side; None: with any label but 0.
+        distance, triangles: simplify the mesh, including lines where three labels meet.
+        smooth: True, or the number of smoothing passes, 0 to 64; 0 keeps the faces of the voxels.
         keep_nodes: as for :meth:`label_surface`.
-        close: True adds what lies between labels and the outside of the volume.
+        close: True adds interfaces between labels and the outside of the volume.
 
-        The labels on both sides of each face are the mesh's ``labels``. The other arguments are those of
-        :meth:`isosurface`.
+        The other arguments are those of :meth:`isosurface`. The mesh's ``labels`` are the labels on both sides of each
+        face.
         """
         place = self._place(coordinates)
         query = self._label_query(place, distance, triangles, None, None, False, None, None, None, 0, 0.0, close, smooth,
@@ -226,11 +231,11 @@ class Extracting:
               vertex_error: Optional[str] = None, cells: Cells = "tet", coordinates: Coordinates = "array",
               quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
               progress: Progress = None) -> Mesh:
-        """The plane of the points p with ``normal . p = offset`` as triangles that are as large as the error allows.
+        """Extracts the plane ``normal . p = offset`` as triangles that are as large as the error allows.
 
-        The vertices have values; between them they are linear, and at most ``error`` off the data anywhere. Normal
-        and offset are in the coordinates of the result: ``slice((1, 0, 0), 35)`` is the plane number 35 of the
-        array, times the spacing. The other arguments are those of :meth:`isosurface`.
+        The vertices have values. Linear interpolation between them differs from the data by at most ``error``. Normal
+        and offset are in the coordinates of the result: with a spacing of 1, ``slice((1, 0, 0), 35)`` is plane 35 of
+        the array. The other arguments are those of :meth:`isosurface`.
         """
         place = self._place(coordinates)
         query = _core.SliceQuery()
@@ -249,9 +254,9 @@ class Extracting:
                  falloff: float = 0.0, camera: Optional[Point] = None, pixels: float = 1.0, fov: float = 40.0,
                  height: int = 1080, box: Optional[Box] = None, coordinates: Coordinates = "array",
                  memory: Bytes = "1G", threads: int = 0, scratch: _Path = "", progress: Progress = None) -> Mesh:
-        """The lines in a plane on which the data have one of the values ``contours``; they are the vertices' values.
+        """Extracts the lines in a plane on which the data have one of the values ``contours``.
 
-        The other arguments are those of :meth:`slice`.
+        These are the ``values`` of the mesh. The other arguments are those of :meth:`slice`.
         """
         place = self._place(coordinates)
         query = _core.ContourQuery()
@@ -270,7 +275,7 @@ class Extracting:
               vertex_error: Optional[str] = None, cells: PlaneCells = "tet", coordinates: Coordinates = "array",
               quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
               progress: Progress = None) -> Mesh:
-        """Of data in a plane, a map: the surface whose height, z in world coordinates, is ``scale`` times the value.
+        """Extracts the graph of data in a plane: a surface with the height (z in the world) ``scale`` times the value.
 
         The other arguments are those of :meth:`isosurface`; cells are "tet" or "quad".
         """

@@ -1,4 +1,4 @@
-"""Between the coordinates of an array, (z, y, x) times the spacing, and those of the world, (x, y, z)."""
+"""Conversion between array coordinates, (z, y, x) times the spacing, and world coordinates, (x, y, z)."""
 from __future__ import annotations
 
 from typing import Any, NamedTuple, Sequence
@@ -13,7 +13,7 @@ _ALONG_WORLD = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class Frame(NamedTuple):
-    """Where an array lies in the world. The one place that knows how coordinates change."""
+    """Placement of an array in the world; converts coordinates."""
 
     origin: _Vector
     """World position of the first node, (x, y, z)."""
@@ -22,7 +22,7 @@ class Frame(NamedTuple):
 
     @classmethod
     def of(cls, core: Any) -> "Frame":
-        """That of a store or a source of _core."""
+        """The frame of a store or a source of _core."""
         x, y, z = core.origin
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = core.direction
         return cls((x, y, z), ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)))
@@ -33,37 +33,37 @@ class Frame(NamedTuple):
 
     @property
     def _sheared(self) -> bool:
-        """Whether the axes are not at right angles: then lengths are those of the world alone."""
+        """Whether the axes are not at right angles."""
         rows = np.array(self.direction)
         return bool(np.abs(rows @ rows.T - np.eye(3)).max() > 1e-9)
 
     @property
     def _inverse(self) -> np.ndarray:
-        """A row of world components times it has those along the axes."""
+        """The matrix M such that ``world @ M`` are the components along the axes x, y, z."""
         rows = np.array(self.direction)
         return np.linalg.inv(rows) if self._sheared else rows.T
 
     def _vector_to_world(self, vector: Sequence[float]) -> np.ndarray:
-        """Of (z, y, x)."""
+        """World components of a vector (z, y, x)."""
         return np.array(backwards(vector)) @ np.array(self.direction)
 
     def point_to_world(self, point: Sequence[float]) -> _Vector:
-        """Of (z, y, x)."""
+        """World position (x, y, z) of an array position (z, y, x)."""
         x, y, z = (float(v) for v in self._vector_to_world(point) + np.array(self.origin))
         return x, y, z
 
     def vector_to_world(self, vector: Sequence[float]) -> _Vector:
-        """Of (z, y, x)."""
+        """World components (x, y, z) of a vector (z, y, x)."""
         x, y, z = (float(v) for v in self._vector_to_world(vector))
         return x, y, z
 
     def plane_to_world(self, normal: Sequence[float], offset: float) -> tuple[_Vector, float]:
-        """Of the plane {normal . p = offset}."""
+        """Normal and offset in the world of the plane ``normal . p = offset`` of the array."""
         x, y, z = (float(v) for v in self._inverse @ np.array(backwards(normal)))
         return (x, y, z), offset + sum(n * first for n, first in zip((x, y, z), self.origin))
 
     def points_to_array(self, points: np.ndarray) -> np.ndarray:
-        """Of (n, 3) positions x, y, z; a view, if the origin is 0 and the axes are along the world's."""
+        """Array positions of (n, 3) world positions; a view if the origin is 0 and the axes are those of the world."""
         if self._turned:
             return ((points - np.array(self.origin)) @ self._inverse).astype(points.dtype)[:, ::-1]
         if not any(self.origin):
@@ -71,7 +71,7 @@ class Frame(NamedTuple):
         return (points - np.array(self.origin)).astype(points.dtype)[:, ::-1]
 
     def normals_to_array(self, normals: np.ndarray) -> np.ndarray:
-        """Of (n, 3) unit vectors x, y, z; a view, if the axes are along the world's."""
+        """Array components of (n, 3) unit vectors in the world; a view if the axes are those of the world."""
         if not self._turned:
             return normals[:, ::-1]
         turned = normals @ np.array(self.direction).T

@@ -1,4 +1,4 @@
-"""Surfaces straight from a volume, without a store."""
+"""Extraction directly from a volume, without a store."""
 from __future__ import annotations
 
 from typing import Any, Callable, Optional, Sequence, Union
@@ -12,13 +12,13 @@ from ._queries import Place
 
 
 class _NeedsStore(Exception):
-    """The volume, the query or the memory does."""
+    """Raised if the volume, the query or the memory budget requires a store."""
 
 
 class _Volume(Extracting):
-    """A volume, whose surfaces are those of Store.isosurface as far as they need no store.
+    """A volume with the method isosurface() of a store; raises _NeedsStore if a query needs one.
 
-    ``open_source`` opens it; each surface takes a source of its own, because a source is read once. With
+    ``open_source`` opens the volume. Each surface needs its own source, because a source can be read only once. With
     ``in_the_middle`` the isovalue is the mean of the smallest and the largest value, whatever the query says.
     """
 
@@ -34,7 +34,7 @@ class _Volume(Extracting):
         return self._frame_of_source
 
     def _source(self) -> Any:
-        """One that nobody has read."""
+        """A source that has not been read."""
         source = self._open() if self._is_used else self._core
         self._is_used = True
         return source
@@ -71,7 +71,7 @@ class _Volume(Extracting):
 def march(volume: Any, iso: "Union[None, float, Sequence[float]]", *, spacing: Optional[Sequence[float]],
           unit: Optional[str], frame: Optional[_sources.PatientFrame], missing: Optional[float], memory: Bytes,
           **query: Any) -> "Union[None, Mesh, list[Mesh]]":
-    """The surface, of several isovalues a list; None if that needs a store.
+    """Extracts the surface, for several isovalues a list of surfaces; None if that needs a store.
 
     The arguments are those of :func:`isonest.isosurface`.
     """

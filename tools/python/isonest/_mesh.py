@@ -1,4 +1,4 @@
-"""Meshes as arrays, and as the objects of other libraries."""
+"""Meshes as arrays, and their conversion for other libraries."""
 from __future__ import annotations
 
 import os
@@ -14,13 +14,13 @@ Space = Literal["ras", "lps", "as-stored"]
 
 
 class Mesh:
-    """A surface, a slice, or (of data in a plane) lines.
+    """A surface, a slice, or lines.
 
-    The arrays own their memory: a mesh outlives the store that it is from. In array coordinates, the default,
-    vertices are what scikit-image's ``marching_cubes`` gives: positions in the array in the order of its axes
-    (z, y, x), times the spacing. In world coordinates they are (x, y, z), and the store's origin counts.
+    The arrays own their memory, so a mesh outlives its store. In array coordinates, the default, vertices are as in
+    scikit-image's ``marching_cubes``: positions in the array in the order of its axes (z, y, x), times the spacing. In
+    world coordinates they are (x, y, z) and include the store's origin.
 
-    ``vertices, faces, normals, values = mesh`` works too.
+    A mesh can be unpacked: ``vertices, faces, normals, values = mesh``.
     """
 
     def __init__(self, parts: tuple, *, coordinates: str, frame: Frame, flip: bool, level: Optional[float],
@@ -42,7 +42,7 @@ class Mesh:
 
     @property
     def vertices(self) -> np.ndarray:
-        """(n, 3), float32. A view of the extraction's memory, unless an origin other than 0 is taken off."""
+        """(n, 3), float32. A view if no conversion is needed (world coordinates, or origin 0 and unrotated axes)."""
         if self._vertices is None:
             if self._coordinates == "world":
                 self._vertices = self._positions
@@ -52,38 +52,38 @@ class Mesh:
 
     @property
     def faces(self) -> np.ndarray:
-        """(m, 3), int32: numbers of vertices; of lines (m, 2)."""
+        """(m, 3), for lines (m, 2): indices of vertices; int32, or uint32 from 2**31 vertices on."""
         return self._elements[:, ::-1] if self._flip else self._elements
 
     @property
     def normals(self) -> Optional[np.ndarray]:
-        """(n, 3), float32: of length 1, from the data's gradient, towards smaller values. None if not asked for."""
+        """(n, 3), float32: unit vectors toward smaller values, from the data's gradient. None if not requested."""
         if self._normals is None or self._coordinates == "world":
             return self._normals
         return self._frame.normals_to_array(self._normals)
 
     @property
     def values(self) -> np.ndarray:
-        """(n,), float64: of a slice the data at the vertices, of a surface its level, or the other store's values."""
+        """(n,), float64: the data at the vertices; for a surface, its isovalue or the values of ``vertex_values``."""
         if self._values is None:
             return np.broadcast_to(np.float64(np.nan if self._level is None else self._level), len(self._positions))
         return self._values
 
     @property
     def errors(self) -> Optional[np.ndarray]:
-        """(n,), float32: the indicator that was asked for. None if none was."""
+        """(n,), float32: the field of ``vertex_error``. None if not requested."""
         return self._errors
 
     @property
     def labels(self) -> Optional[np.ndarray]:
-        """(m, 2), int64: of interfaces the labels on both sides of each face, the smaller one first; what has no label
-        is ``report.outside``, and comes second. In world coordinates the face faces from the first to the second.
-        None of other meshes."""
+        """(m, 2), int64: for interfaces, the labels on both sides of each face, the smaller one first. The outside is
+        ``report.outside`` and comes second. In world coordinates, faces are oriented from the first label to the
+        second. None for other meshes."""
         return self._labels
 
     @property
     def areas(self) -> "Optional[dict[tuple[int, int], float]]":
-        """Of interfaces the area of each, in square world units, by its two labels. None of other meshes."""
+        """For interfaces, the area in square world units per pair of labels. None for other meshes."""
         return self._areas
 
     def __iter__(self) -> Iterator[Optional[np.ndarray]]:
@@ -101,24 +101,26 @@ class Mesh:
                     labels=self._labels, areas=self._areas)
 
     def in_world(self) -> "Mesh":
-        """The same mesh, the same memory, in world coordinates (x, y, z)."""
+        """The same mesh in world coordinates (x, y, z); shares the memory."""
         return self._other("world")
 
     def in_array(self) -> "Mesh":
-        """The same mesh, the same memory, in array coordinates (z, y, x)."""
+        """The same mesh in array coordinates (z, y, x); shares the memory."""
         return self._other("array")
 
     def save(self, path: "os.PathLike[str] | str", *, space: Optional[Space] = None,
              shift: "tuple[float, float, float]" = (0, 0, 0), progress: Progress = None) -> None:
-        """Writes the mesh in the format that the name's end chooses: .ply, .stl, .obj, .vtp, .vtkhdf, .glb, .3mf or
-        .ngmesh; lines as .vtp or .obj, interfaces as .vtp, .vtkhdf or .ply. The file is in world coordinates, and byte for byte the one that the program
-        ``isonest extract`` writes. It appears whole or not at all, and replaces a file of its name, unless the mesh
-        was made from that.
+        """Writes the mesh to a file, in world coordinates.
 
-        space: the patient axes of positions and normals in the file, "ras", "lps" or "as-stored"; without it RAS where
-            the volume's axes are known (:attr:`Store.frame`), else as stored.
-        shift: (x, y, z), of ``.ngmesh`` alone, is added to all vertices: half of the spacing, where Neuroglancer
-            shows the mesh over a precomputed volume, which counts from the corner of the first voxel.
+        The file name extension chooses the format: .ply, .stl, .obj, .vtp, .vtkhdf, .glb, .3mf or .ngmesh; for lines
+        .vtp or .obj, for interfaces .vtp, .vtkhdf or .ply. The file is identical to that of ``isonest extract``. It
+        appears only when it is complete, and replaces an existing file, unless the mesh was made from that file.
+
+        space: the patient axes of positions and normals in the file, "ras", "lps" or "as-stored". None: RAS if the
+            volume's axes are known (:attr:`Store.frame`), otherwise as stored.
+        shift: (x, y, z), added to all vertices; only for ``.ngmesh``. Use half the spacing if Neuroglancer shows the
+            mesh over a precomputed volume, whose coordinates start at the corner of the first voxel.
+        progress: a function ``(phase, done, total, unit)``, or True for bars of tqdm.
         """
         with reporting(progress) as report:
             _core.save_mesh(os.fspath(path), self._layout, self._positions, self._elements.view(np.uint32), self._flip,
@@ -129,7 +131,7 @@ class Mesh:
         return {name: array for name, array in named.items() if array is not None}
 
     def to_vtk(self) -> Any:
-        """A ``vtkPolyData`` in world coordinates. It shares the memory of vertices and attributes; faces are copied."""
+        """Converts to a ``vtkPolyData`` in world coordinates. It shares vertices and attributes; faces are copied."""
         from vtkmodules.util.numpy_support import numpy_to_vtk
         from vtkmodules.vtkCommonCore import vtkPoints, vtkTypeInt32Array, vtkTypeInt64Array
         from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
@@ -138,7 +140,7 @@ class Mesh:
             return numpy_to_vtk(np.ascontiguousarray(array), deep=0)
 
         def copied(array: np.ndarray) -> Any:
-            # vtkCellArray keeps the memory that it is given, but not the array that owns it.
+            # vtkCellArray would keep a pointer to the memory, but not a reference to the array that owns it.
             integers = (vtkTypeInt32Array if array.dtype == np.int32 else vtkTypeInt64Array)()
             view = integers.NewInstance()
             view.SetVoidArray(array, array.size, 1)
@@ -174,7 +176,7 @@ class Mesh:
         return data
 
     def to_meshio(self) -> Any:
-        """A ``meshio.Mesh`` in world coordinates."""
+        """Converts to a ``meshio.Mesh`` in world coordinates."""
         import meshio
 
         kind = "line" if self._elements.shape[1] == 2 else "triangle"
@@ -182,7 +184,7 @@ class Mesh:
         return meshio.Mesh(self._positions, [(kind, self.faces)], point_data=self._attributes(), cell_data=cells)
 
     def to_trimesh(self) -> Any:
-        """A ``trimesh.Trimesh`` in world coordinates, with the vertices and faces as they are."""
+        """Converts to a ``trimesh.Trimesh`` in world coordinates. Raises ValueError for lines."""
         import trimesh
 
         if self._elements.shape[1] == 2:

@@ -1,4 +1,4 @@
-"""From arguments to queries: which arguments go together, and what they are in world coordinates."""
+"""Converts arguments to queries: checks combinations, and converts to world coordinates."""
 from __future__ import annotations
 
 import os
@@ -12,13 +12,13 @@ from ._frame import Frame
 
 ErrorIndicator = Literal["deviation", "plus", "estimate"]
 Cells = Literal["tet", "hex", "tetrahedra", "hexahedra"]
-"""The longer names say the same."""
+"""The longer names are synonyms."""
 PlaneCells = Literal["tet", "quad", "tetrahedra", "quadrilaterals"]
 Vertices = Literal["linear", "exact"]
 Close = Union[None, bool, Literal["below", "above"]]
 """True is "below"."""
 Smooth = Union[None, bool, int]
-"""True is as often as is usual."""
+"""The number of passes; True is the default number."""
 Components = Union[None, int, Literal["largest", "all"]]
 By = Literal["distance", "error"]
 Effort = Literal["none", "fast", "best"]
@@ -27,7 +27,7 @@ Coordinates = Literal["array", "world"]
 
 
 class Stop(NamedTuple):
-    """Where refinement stops: an error, or a field below a threshold."""
+    """The stop test: an error, or a field below a threshold."""
 
     error: float
     error_relative: Optional[float]
@@ -37,11 +37,11 @@ class Stop(NamedTuple):
     threshold_relative: Optional[float] = None
 
     def given(self) -> "list[str]":
-        """Which of them are not as if nothing was said."""
+        """The names of arguments that differ from their defaults."""
         return [name for name, value in self._asdict().items() if value and (name, value) != ("indicator", "deviation")]
 
     def apply(self, query: Any) -> None:
-        """To a query of any kind."""
+        """Sets the stop of a query of any kind."""
         refuse_both(error=self.error or None, error_relative=self.error_relative, stop=self.stop)
         refuse_both(threshold=self.threshold, threshold_relative=self.threshold_relative)
         if self.stop is not None:
@@ -54,14 +54,14 @@ class Stop(NamedTuple):
         query.set_error(*self.as_error())
 
     def as_error(self) -> "tuple[float, bool, str]":
-        """Value, whether it is a fraction of the data's range, indicator."""
+        """The error, whether it is relative to the data's range, and the indicator."""
         if self.error_relative is not None:
             return float(self.error_relative), True, self.indicator
         return float(self.error), False, self.indicator
 
 
 class SurfaceStop(NamedTuple):
-    """What surfaces have in place of an error."""
+    """The stops of surfaces that replace an error: a distance or a number of triangles."""
 
     distance: Distance
     triangles: Optional[int]
@@ -70,7 +70,7 @@ class SurfaceStop(NamedTuple):
     effort: Optional[str] = None
 
     def apply(self, query: Any, stop: Stop) -> None:
-        """To a surface's query."""
+        """Sets the stop of a surface query; ``stop`` if no distance or number is given."""
         if self.by not in ("distance", "error"):
             raise ValueError(f"by={self.by!r}: give 'distance' or 'error'")
         if self.by == "error" and self.triangles is None:
@@ -103,7 +103,7 @@ class SurfaceStop(NamedTuple):
 
 
 class Viewpoint(NamedTuple):
-    """Where the error may be larger, because nobody looks there."""
+    """Focus and camera, away from which the error may be larger."""
 
     focus: Union[None, Point, Box]
     falloff: float
@@ -113,7 +113,7 @@ class Viewpoint(NamedTuple):
     height: int
 
     def apply(self, query: Any, place: "Place") -> None:
-        """To a query of any kind."""
+        """Sets focus and camera of a query of any kind."""
         if self.focus is not None:
             ends: Any = (self.focus, self.focus) if np.ndim(self.focus) == 1 else self.focus
             low, high = (place.point("focus", corner) for corner in ends)
@@ -125,41 +125,41 @@ class Viewpoint(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Arguments that are places, in the coordinates of the result."""
+    """Converts positions from the coordinates of the result to world coordinates."""
 
     frame: Frame
     coordinates: str
 
     def require(self) -> None:
-        """Raises ValueError if there are no such coordinates."""
+        """Raises ValueError unless the coordinates are "array" or "world"."""
         if self.coordinates not in ("array", "world"):
             raise ValueError(f"coordinates={self.coordinates!r}: give 'array' or 'world'")
 
     def point(self, name: str, point: Point) -> "tuple[float, float, float]":
-        """In world coordinates."""
+        """World coordinates of the argument ``name``. Raises ValueError unless it has three numbers."""
         numbers = to_point(name, point)
         return self.frame.point_to_world(numbers) if self.coordinates == "array" else numbers
 
     def plane(self, normal: Point, offset: float) -> "tuple[tuple[float, float, float], float]":
-        """In world coordinates."""
+        """Normal and offset in world coordinates."""
         direction = to_point("normal", normal)
         return self.frame.plane_to_world(direction, float(offset)) if self.coordinates == "array" else (
             direction, float(offset))
 
     def direction(self, name: str, direction: Point) -> "tuple[float, float, float]":
-        """In world coordinates."""
+        """World components of the argument ``name``. Raises ValueError unless it has three numbers."""
         numbers = to_point(name, direction)
         return self.frame.vector_to_world(numbers) if self.coordinates == "array" else numbers
 
     def set_box(self, query: Any, box: Optional[Box]) -> None:
-        """Cuts a query of any kind, if there is a box."""
+        """Restricts a query of any kind to a box, if there is one."""
         if box is not None:
             low, high = box
             query.set_box(self.point("box", low), self.point("box", high))
 
 
 def set_components(query: Any, components: Components, min_component: int, min_volume: float) -> None:
-    """Which connected pieces of a surface are kept."""
+    """Sets the choice of connected pieces of a surface. Raises ValueError for invalid choices."""
     named = {"largest": 1, "all": 0}
     if isinstance(components, str) and components not in named:
         raise ValueError(f"components={components!r}: give 'largest', 'all', or how many of the largest to keep")
@@ -171,13 +171,13 @@ def set_components(query: Any, components: Components, min_component: int, min_v
 
 
 def set_close(query: Any, close: Close) -> None:
-    """By what a surface is closed."""
+    """Sets whether a surface is closed, and by what the outside counts as."""
     if close is not None and close is not False:
         query.set_close("below" if close is True else close)
 
 
 def set_smooth(query: Any, smooth: Smooth, keep_nodes: bool) -> None:
-    """How often the vertices of labels' surfaces are moved, and whether simplification keeps nodes on their sides."""
+    """Sets the smoothing of labels' surfaces, and whether simplification keeps all nodes on their sides."""
     if smooth is not None and smooth is not False:
         query.set_smooth(None if smooth is True else int(smooth), bool(keep_nodes))
     elif keep_nodes:
@@ -186,7 +186,7 @@ def set_smooth(query: Any, smooth: Smooth, keep_nodes: bool) -> None:
 
 def set_attributes(query: Any, *, normals: bool, vertex_values: Any, vertex_error: Optional[str],
                    cells: Optional[str]) -> None:
-    """What triangles have, and contour lines have not."""
+    """Sets cells and vertex attributes; not for contour lines."""
     query.set_normals(bool(normals))
     if cells is not None:
         query.set_cells(cells)
@@ -197,14 +197,14 @@ def set_attributes(query: Any, *, normals: bool, vertex_values: Any, vertex_erro
 
 
 def is_flipped(gradient_direction: str) -> bool:
-    """Whether faces are turned against the order in which they are made."""
+    """Whether the orientation of faces is reversed. Raises ValueError for an unknown name."""
     if gradient_direction not in ("descent", "ascent"):
         raise ValueError(f"gradient_direction={gradient_direction!r}: give 'descent' or 'ascent'")
     return gradient_direction == "ascent"
 
 
 def options(memory: Bytes, threads: int, scratch: "os.PathLike[str] | str", quality: bool = False) -> Any:
-    """Of an extraction."""
+    """Options of an extraction."""
     chosen = _core.ExtractOptions()
     chosen.memory = to_bytes(memory)
     chosen.threads = int(threads)

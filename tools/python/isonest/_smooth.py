@@ -1,4 +1,4 @@
-"""Volumes smoothed, with their edges kept."""
+"""Edge-preserving smoothing of volumes."""
 from __future__ import annotations
 
 import os
@@ -13,37 +13,41 @@ from ._store import Store
 
 
 class Smoothed(NamedTuple):
-    """What :func:`isonest.smooth` makes. The arrays have the volume's shape."""
+    """The result of :func:`isonest.smooth`. The arrays have the shape of the volume."""
 
     values: np.ndarray
-    """float32."""
+    """The result, float32."""
     grid: Optional[np.ndarray]
-    """True at the nodes of the result's grid; None if it was not asked for."""
+    """True at the nodes of the result's grid; None if not requested."""
     steps: "list[SmoothStep]"
-    """What each of them did."""
+    """A report per step."""
     snapshots: "dict[int, np.ndarray]"
-    """The values after these steps."""
+    """The values after each of these steps."""
 
 
 def smooth(volume: Any, *, steps: int, tau: float, lambda_: float, sigma: Optional[float] = None,
            threshold: float = 0.0, snapshots: Sequence[int] = (), grid: bool = False,
            output: "os.PathLike[str] | str | None" = None, replace: bool = False, memory: Bytes = "1G",
            threads: int = 0, progress: Progress = None, **reading: Any) -> Smoothed:
-    """Smooths a volume or an image and keeps its edges: nonlinear diffusion by linear finite elements.
+    """Smooths a volume or an image while preserving edges, by nonlinear diffusion with linear finite elements.
 
-    volume: an array or files as of :func:`isonest.preprocess`, or a :class:`isonest.Store`. reading: how it is read,
-        the arguments of :func:`isonest.preprocess` from ``spacing`` to ``offset``, ``headers`` and ``cache``. All values have to be numbers.
-    steps: how many. tau: time of a step, in squares of world units: without edges, N steps smooth as a Gaussian of
-        standard deviation ``sqrt(2 * N * tau)`` does.
-    lambda_: the gradient at which half flows, in values per world unit; well above it little does.
-    sigma: the gradient is that of the function smoothed by this Gaussian, in world units; 0 is not smoothed, None is
-        the smallest spacing.
-    threshold: nodes are left out of a step's grid where the indicator grad_linf_bar is below, in values per world
-        unit; 0 is all nodes.
-    snapshots: steps after which the values are kept too, 0 is before the first.
-    grid: also the grid of the result.
-    output: a file for the result, .h5, .nrrd, .nii, .vti, .npy, .mha or .raw; replace: an existing one.
-    memory: all unknowns are held in it, beside the arrays that are returned. threads: 0 is all cores.
+    volume: an array or files as for :func:`isonest.preprocess`, or a :class:`isonest.Store`. No value may be missing.
+        reading: how to read it; the arguments of :func:`isonest.preprocess` from ``spacing`` to ``offset``,
+        ``headers`` and ``cache``.
+    steps: number of time steps. tau: length of a step in squared world units: without edges, N steps smooth like a
+        Gaussian with the standard deviation ``sqrt(2 * N * tau)``.
+    lambda_: the gradient, in values per world unit, at which diffusion is halved; far above it there is little.
+    sigma: standard deviation, in world units, of the Gaussian that smooths the function before its gradient is
+        computed; 0: not smoothed, None: the smallest spacing.
+    threshold: a step's grid omits nodes where the indicator grad_linf_bar is below this, in values per world unit;
+        0: no nodes.
+    snapshots: steps after which the values are also returned; 0 is before the first step.
+    grid: also return the grid of the result.
+    output: a file for the result, .h5, .nrrd, .nii, .vti, .npy, .mha or .raw. replace: overwrite an existing file.
+    memory: bytes; must hold all unknowns, but not the returned arrays. threads: 0 is all cores.
+    progress: a function ``(phase, done, total, unit)``, or True for bars of tqdm.
+
+    Raises ValueError and subclasses of :class:`isonest.Error`.
     """
     options = _core.SmoothOptions()
     options.steps, options.tau, options.lambda_, options.sigma = int(steps), float(tau), float(lambda_), sigma

@@ -1,4 +1,4 @@
-"""Volumes for preprocess: files, NumPy arrays, and whatever gives NumPy arrays when it is sliced."""
+"""Input volumes: files, NumPy arrays, and objects that return NumPy arrays when sliced."""
 from __future__ import annotations
 
 import operator
@@ -13,17 +13,17 @@ from . import _core
 from ._arguments import Headers, per_axis, to_cache, to_header_lines
 
 PatientFrame = Literal["ras", "lps"]
-"""What the world's axes are in a patient; capital letters are taken, too."""
+"""The patient axes of the world; upper case is accepted too."""
 _TYPES = frozenset("uint8 int8 uint16 int16 uint32 int32 float32 float64".split())
 _EXACT = 2**53
-"""Integers up to this one are exact in float64."""
+"""The largest n such that all integers up to n are exact in float64."""
 _URL = re.compile("(https?|s3)://", re.IGNORECASE)
 _PIECE = 8 << 20
-"""Bytes that are sliced off at a time, where the input's chunks allow it."""
+"""Preferred size of a slice in bytes; whole chunks of the input may be larger."""
 
 
 def _type_in_store(dtype: np.dtype, masked: bool) -> np.dtype:
-    """The type in which values of ``dtype`` are kept."""
+    """The type in which a store keeps values of ``dtype``. Raises TypeError if there is none."""
     if dtype == np.bool_:
         dtype = np.dtype(np.uint8)
     if masked and dtype.kind in "iu":
@@ -38,7 +38,7 @@ def _type_in_store(dtype: np.dtype, masked: bool) -> np.dtype:
 
 
 class _Reader:
-    """Slices of an array as dense arrays of the store's type."""
+    """Reads slices of an array as dense arrays of the store's type."""
 
     def __init__(self, volume: Any, name: str) -> None:
         self.volume = volume
@@ -70,7 +70,7 @@ class _Reader:
 
 
 def _files_of(volume: Any) -> list[str]:
-    """The file that an array is mapped from, or a dataset lies in."""
+    """The file from which an array is mapped, or that contains a dataset."""
     name = getattr(volume, "filename", None) if isinstance(volume, np.memmap) else None
     if name is None:
         name = getattr(getattr(volume, "file", None), "filename", None)
@@ -85,7 +85,7 @@ def _name_of(volume: Any, files: Sequence[str]) -> str:
 
 
 def _identity_of(volume: Any, name: str, files: Sequence[str]) -> str:
-    """What tells a dataset of a file from others; "" where nothing does."""
+    """Identifies the contents of a dataset in a file, for ``resume``; "" if that is not possible."""
     if isinstance(volume, np.ndarray) or not files:
         return ""
     status = os.stat(files[0])
@@ -93,7 +93,7 @@ def _identity_of(volume: Any, name: str, files: Sequence[str]) -> str:
 
 
 def _chunks_of(volume: Any) -> tuple[int, ...]:
-    """The shape of a chunk, of different ones (dask) the largest; ones where there are no chunks."""
+    """The shape of the chunks, of the largest ones if they differ (dask); all 1 without chunks."""
     chunks = getattr(volume, "chunks", None)
     if not isinstance(chunks, tuple) or len(chunks) != len(volume.shape):
         return (1,) * len(volume.shape)
@@ -102,12 +102,12 @@ def _chunks_of(volume: Any) -> tuple[int, ...]:
 
 def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
              unit: Optional[str], frame: Optional[PatientFrame], missing: Optional[float], identified: bool) -> Any:
-    """A source of whatever has a shape, a dtype and slices."""
+    """A source for an object with a shape, a dtype and slices. Raises ValueError, TypeError."""
     if not (hasattr(volume, "shape") and hasattr(volume, "__getitem__") and hasattr(volume, "dtype")):
         volume = np.asarray(volume)
     try:
         np.dtype(volume.dtype)
-    except TypeError:  # of another library: a tensor
+    except TypeError:  # dtype of another library, such as a tensor's
         volume = np.asarray(volume)
     ndim = len(volume.shape)
     if ndim not in (2, 3):
@@ -143,7 +143,7 @@ def of_volume(volume: Any, *, identified: bool, memory: int, spacing: Optional[S
               label_names: Any = None, index: Any = None, crop: Optional[Sequence[slice]] = None,
               every: Union[int, Sequence[int]] = 1, shape: Optional[Sequence[int]] = None, dtype: Any = None,
               offset: Optional[int] = None, headers: Headers = None, cache: Any = None) -> Any:
-    """A source of an array or of files. ``memory``: of the work that reads it, with what :func:`for_fetching` says."""
+    """A source for an array or files. ``memory``: of the work that reads it, including :func:`for_fetching`."""
     if is_files(volume):
         return of_files(volume, spacing=spacing, origin=origin, unit=unit, frame=frame, missing=missing, dataset=dataset,
                         series=series, labels=labels, label_names=label_names, index=index, shape=shape, dtype=dtype,
@@ -160,7 +160,7 @@ def of_volume(volume: Any, *, identified: bool, memory: int, spacing: Optional[S
 
 
 def index_entries(index: Any) -> List[Tuple[str, Optional[int]]]:
-    """Name (empty for an entry per axis) and position, None for a whole axis, of an ``index`` argument."""
+    """Pairs of axis and position for an ``index`` argument; "" is the next axis, position None the whole axis."""
     if index is None:
         return []
     if isinstance(index, dict):
@@ -181,13 +181,13 @@ def is_files(volume: Any) -> bool:
 
 
 def is_elsewhere(volume: Any) -> bool:
-    """Whether this names a volume at a URL."""
+    """Whether ``volume`` is a URL."""
     names = volume if isinstance(volume, (list, tuple)) else [volume]
     return is_files(volume) and any(_URL.match(os.fspath(name)) for name in names)
 
 
 def for_fetching(volume: Any, memory: int) -> int:
-    """Bytes of the memory that are set aside for what is fetched; 0 for what is here."""
+    """Bytes of the memory that are set aside for fetched data; 0 unless the volume is remote."""
     return min(memory, max(memory // 4, 16 << 20), 256 << 20) if is_elsewhere(volume) else 0
 
 
@@ -196,7 +196,7 @@ def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional
              label_names: Any, index: Any, shape: Optional[Sequence[int]], dtype: Any, offset: Optional[int],
              crop: Optional[Sequence[slice]], every: Union[int, Sequence[int]], max_heap: int,
              headers: Headers, cache: Any, fetching: int) -> Any:
-    """A source of one file, a folder, several files, or what is at a URL."""
+    """A source for a file, a folder, several files, or a URL."""
     options = _core.SourceOptions()
     lines, folder = to_header_lines(headers), to_cache(cache)
     if fetching > 0:

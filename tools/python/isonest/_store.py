@@ -1,4 +1,4 @@
-"""Stores: what preprocess makes, and what is extracted from them."""
+"""Stores: their metadata, values and histograms, and checks."""
 from __future__ import annotations
 
 import os
@@ -17,47 +17,47 @@ from ._queries import Coordinates, Place
 
 
 class Histogram(NamedTuple):
-    """How often values occur, and how much surface each isovalue has."""
+    """Counts nodes per value, and cubes per isovalue."""
 
     edges: np.ndarray
-    """(n + 1,): where the bins begin, and where the last one ends."""
+    """(n + 1,): the lower ends of the bins, and the upper end of the last one."""
     counts: np.ndarray
     """(n,): nodes in each bin."""
     cubes: Optional[np.ndarray]
-    """(n,): cubes that the isosurface at the bin's beginning passes through; None if the store does not say."""
+    """(n,): cubes intersected by the isosurface at the bin's lower end; None if the store has no ranges of cubes."""
     suggested: "list[tuple[float, int]]"
-    """Isovalues that are worth a look, the one that stands out most first, and the cubes of their surfaces."""
+    """Suggested isovalues, most prominent first, each with the number of cubes of its surface."""
     missing: int
     """Nodes without a value."""
     level: int
-    """Of the nodes that were counted: every 2**level-th along each axis."""
+    """The level whose nodes were counted: every 2**level-th along each axis."""
 
 
 class Label(NamedTuple):
-    """A label of a segmentation, and where its nodes are."""
+    """A label of a segmentation, and the extent of its nodes."""
 
     id: int
     nodes: int
-    """How many have it."""
+    """Number of nodes with this label."""
     low: "tuple[int, int, int]"
     """Smallest indices (z, y, x)."""
     high: "tuple[int, int, int]"
     """Largest indices (z, y, x)."""
     name: Optional[str] = None
-    """What it is called, if the store says so."""
+    """The label's name, if the store has one."""
     color: "Optional[tuple[int, int, int]]" = None
-    """Red, green, blue from 0 to 255, if the store says so."""
+    """Red, green, blue from 0 to 255, if the store has a colour."""
 
 
 class Study(NamedTuple):
-    """How many elements each indicator needs for how much error."""
+    """Numbers of elements and errors, per indicator and threshold."""
 
     all_elements: int
-    """Of the finest mesh of triangles or tetrahedra."""
+    """Number of elements of the finest mesh of triangles or tetrahedra."""
     all_cells: int
-    """Of the finest grid of quadrilaterals or hexahedra."""
+    """Number of cells of the finest grid of quadrilaterals or hexahedra."""
     rows: "list[StudyRow]"
-    """Field by field, thresholds falling."""
+    """Grouped by field, with decreasing thresholds."""
 
 
 def _open_again(location: str, access: "dict[str, Any]") -> "Store":
@@ -65,7 +65,7 @@ def _open_again(location: str, access: "dict[str, Any]") -> "Store":
 
 
 class Store(Extracting):
-    """A store, open for reading; see :func:`isonest.open`. Any number of threads may use it at once."""
+    """A store, open for reading; see :func:`isonest.open`. Thread-safe."""
 
     def __init__(self, path: "os.PathLike[str] | str", *, headers: Headers = None,
                  cache: "os.PathLike[str] | str | None" = None, memory: Bytes = "64M") -> None:
@@ -77,7 +77,7 @@ class Store(Extracting):
         self._access: "dict[str, Any]" = {"headers": lines, "cache": cache, "memory": memory}
 
     def close(self) -> None:
-        """Closes the file. Meshes and arrays that came from it stay."""
+        """Closes the file. Meshes and arrays extracted from it remain valid."""
         self._core.close()
 
     def __enter__(self) -> "Store":
@@ -87,7 +87,7 @@ class Store(Extracting):
         self.close()
 
     def __reduce__(self) -> Any:
-        # Of a store elsewhere with all that opens it, credentials among it.
+        # For a remote store this includes the headers, which may contain credentials.
         return (_open_again, (self._location, self._access)) if self._core.is_remote else (Store, (str(self.path),))
 
     def __repr__(self) -> str:
@@ -97,29 +97,29 @@ class Store(Extracting):
 
     @property
     def path(self) -> "Union[pathlib.Path, str]":
-        """The file; of a store elsewhere the URL, without credentials and query."""
+        """The file; for a remote store the URL without credentials and query."""
         return self._core.name if self._core.is_remote else pathlib.Path(self._core.name)
 
     @property
     def fetched(self) -> "dict[str, int]":
-        """What was fetched over a network until now, by all queries together: ``remote_bytes``, ``requests``,
-        ``round_trips`` (times that somebody had to wait), and ``cache_bytes``, which came from the cache on disk
-        instead. All 0 for a file."""
+        """Counts what all queries together have fetched so far: ``remote_bytes``, ``requests``, ``round_trips``
+        (sequential waits for the network), and ``cache_bytes`` (read from the cache on disk instead). All 0 for a
+        file."""
         return self._core.fetched
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Nodes per axis, (z, y, x), as of the array. Data in a plane have one node along z."""
+        """Nodes per axis, (z, y, x). Data in a plane have one node along z."""
         return self._core.shape
 
     @property
     def dtype(self) -> np.dtype:
-        """Of the values."""
+        """Type of the values."""
         return self._core.dtype
 
     @property
     def spacing(self) -> tuple[float, float, float]:
-        """Distance of neighbouring nodes along the array's axes (z, y, x)."""
+        """Distance between neighbouring nodes in world units, (z, y, x)."""
         return backwards(self._core.spacing)
 
     @property
@@ -129,17 +129,17 @@ class Store(Extracting):
 
     @property
     def unit(self) -> Optional[str]:
-        """Of length, of spacing and origin and all that is made from them: "mm", "um", ...; None if not known."""
+        """The world unit, in which all lengths are given: "mm", "um", ...; None if unknown."""
         return self._core.unit
 
     @property
     def frame(self) -> Optional[str]:
-        """What the world's axes are in a patient: "RAS" or "LPS"; None where it is not known."""
+        """The patient axes of the world, "RAS" or "LPS"; None if unknown."""
         return self._core.frame
 
     @property
     def direction(self) -> Directions:
-        """World directions (x, y, z) of the axes x, y and z: unit vectors, at right angles unless the volume is sheared."""
+        """Unit vectors (x, y, z) of the volume's axes x, y, z in the world; at right angles unless it is sheared."""
         return self._frame.direction
 
     @property
@@ -148,32 +148,32 @@ class Store(Extracting):
 
     @property
     def range(self) -> Optional[tuple[float, float]]:
-        """The smallest and the largest finite value; None if there is none. Labels of 64 bits are ints."""
+        """The smallest and the largest finite value; None if there is none. 64-bit labels are ints."""
         low, high = self._core.min, self._core.max
         return (low, high) if low <= high else None
 
     @property
     def has_missing(self) -> bool:
-        """Whether values are missing: not finite."""
+        """Whether any value is missing (not finite)."""
         return self._core.has_missing
 
     @property
     def levels(self) -> int:
-        """How many there are. Level 0 is the data; level L has every 2**L-th node."""
+        """Number of levels. Level 0 is the data; level L has every 2**L-th node."""
         return self._core.levels
 
     def level_shape(self, level: int) -> tuple[int, int, int]:
-        """Of ``values(level)``."""
+        """Shape of ``values(level)``."""
         return self._core.level_shape(level)
 
     @property
     def indicators(self) -> list[str]:
-        """The error indicators that the store holds."""
+        """Names of the error indicators in the store."""
         return self._core.indicators
 
     @property
     def file_bytes(self) -> int:
-        """The file's size."""
+        """Size of the file in bytes."""
         return self._core.file_bytes
 
     @property
@@ -183,12 +183,12 @@ class Store(Extracting):
 
     @property
     def exact(self) -> bool:
-        """Whether the indicators were not rounded up to 16 bits."""
+        """Whether the indicators are exact rather than rounded up to 16 bits."""
         return self._core.exact
 
     @property
     def chunk(self) -> int:
-        """Nodes of a chunk along each axis."""
+        """Nodes per axis of a chunk."""
         return self._core.chunk
 
     @property
@@ -198,20 +198,23 @@ class Store(Extracting):
 
     @property
     def arrays(self) -> "list[StoredArray]":
-        """All arrays of all levels: their sizes, compressed and not, and ranges."""
+        """All arrays of all levels, with their compressed and uncompressed sizes and ranges."""
         return _core.stored_arrays(self._core)
 
     @property
     def analyses(self) -> "list[Analysis]":
-        """The analyses of surfaces that are kept beside the store (``keep_analysis=True``)."""
+        """The analyses of surfaces kept next to the store (``keep_analysis=True``)."""
         return _core.analyses(self._core)
 
     def values(self, level: int = 0, box: Optional[Sequence[Union[slice, int]]] = None, *, memory: Bytes = "256M",
                threads: int = 0, progress: Progress = None) -> np.ndarray:
-        """The values of a level: those of ``array[::2**level, ::2**level, ::2**level]``. Labels of 64 bits come as int64.
+        """Reads the values of a level: ``array[::2**level, ::2**level, ::2**level]``. 64-bit labels are int64.
 
-        box: slices of that array, such as ``np.s_[10:20, :, 5:]``; only their chunks are read. Without it all.
-        memory: beside the array that is returned.
+        box: slices of that array, such as ``np.s_[10:20, :, 5:]``; only their chunks are read. None: all.
+        memory: bytes, in addition to the returned array.
+
+        Raises ValueError for a slice with a step, IndexError for an index out of range, and subclasses of
+        :class:`isonest.Error`.
         """
         shape = self.level_shape(level)
         low, high, drop = [], [], []
@@ -235,7 +238,7 @@ class Store(Extracting):
 
     def histogram(self, level: Optional[int] = None, *, memory: Bytes = "512M", threads: int = 0,
                   progress: Progress = None) -> Histogram:
-        """Counts the values of a level; without one, of the finest with at most 2**28 nodes."""
+        """Counts the values of a level; None: of the finest level with at most 2**28 nodes."""
         with reporting(progress) as report:
             h = self._core.histogram(level, to_bytes(memory), threads, report)
         edges = np.append(h.low, h.end) if len(h.low) else np.empty(0)
@@ -243,10 +246,10 @@ class Store(Extracting):
                          h.level)
 
     def labels(self, *, memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> "list[Label]":
-        """The labels of a segmentation, by their ids: what values there are, and where; with the names and colours
-        that the store has.
+        """Lists the labels of a segmentation by increasing id, with the extent of each, and its name and colour if the
+        store has them.
 
-        Raises isonest.UnsupportedError for values that are no whole numbers up to 2**53, unless the store was made with
+        Raises isonest.UnsupportedError if a value is not an integer up to 2**53, unless the store was made with
         ``labels=True``.
         """
         with reporting(progress) as report:
@@ -257,13 +260,15 @@ class Store(Extracting):
 
     def check(self, *, quick: bool = False, deep: bool = False, source: Any = None, memory: Bytes = "512M",
               threads: int = 0, progress: Progress = None, **reading: Any) -> CheckReport:
-        """Tests the store, from checksums to brute force. What is wrong is in the report: nothing is raised for it.
+        """Checks the consistency of the store. Problems are listed in the report; they raise no exception.
 
-        quick: seconds for any size, the chunk table and a sample of the checksums.
-        deep: everything, also that HDF5 finds the same chunks by its own index.
-        source: the volume that the store was made from, as of :func:`isonest.preprocess`: the values are compared
-            with it. reading: how it is read, the arguments of :func:`isonest.preprocess` from ``spacing`` to
-            ``offset``, ``headers`` and ``cache``.
+        quick: check only the chunk table and a sample of the checksums; takes seconds for any size.
+        deep: check everything, including that HDF5 finds the same chunks through its own index.
+        source: the volume from which the store was made, as for :func:`isonest.preprocess`; compare its values.
+            reading: how to read it; the arguments of :func:`isonest.preprocess` from ``spacing`` to ``offset``,
+            ``headers`` and ``cache``.
+
+        Raises ValueError if both ``quick`` and ``deep`` are given.
         """
         if quick and deep:
             raise ValueError("give one of quick= and deep=, not both")
@@ -280,10 +285,10 @@ class Store(Extracting):
         """Writes a field as a volume file: .h5, .nrrd, .nii, .vti, .npy, .mha or .raw.
 
         field: "values" in their type, or an indicator as float32 on the finest lattice, 0 at the macro vertices.
-            Indicators that no store holds are computed in memory, which takes 20 bytes a node: "lp:3",
-            "grad_lp:1.5_bar", "gradient", "curvature_plus".
-        level: of values, of :meth:`values`; of an indicator, only nodes of this level and coarser.
-        replace: an existing file.
+            Indicators that are never stored, such as "lp:3", "grad_lp:1.5_bar", "gradient" or "curvature_plus", are
+            computed in memory, which takes 20 bytes per node.
+        level: for values, as in :meth:`values`; for an indicator, only nodes of this level and coarser.
+        replace: overwrite an existing file.
         """
         with reporting(progress) as report:
             _core.export_field(self._core, os.fspath(output), field, int(level), replace, to_bytes(memory), report)
@@ -292,16 +297,17 @@ class Store(Extracting):
               plane: "Optional[tuple[Point, float]]" = None, norm: Optional[float] = None,
               graph_distance: bool = False, steps: int = 25, least: float = 1e-4, coordinates: Coordinates = "array",
               memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> Study:
-        """Compares indicators: at thresholds from 1 down, as fractions of each one's largest value, the elements of the
-        adaptive mesh of the whole volume, and the error of the function on it.
+        """Compares indicators by adaptive meshes of the whole volume: their numbers of elements and their errors.
 
-        fields: their names, those of :meth:`export` among them; without them all of the store.
-        iso: also count what extracting this isosurface visits.
-        plane: normal and offset as of :meth:`slice`; the mesh and its error on this plane alone.
-        norm: p, also the errors of value and gradient in L^p, integrated exactly.
-        graph_distance: also the distance of the graphs of data and mesh; takes long where the error is large.
-        steps, least: how many thresholds, and the least one.
-        memory: the volume has to fit into it, 20 bytes a node.
+        The thresholds decrease from 1 and are relative to the largest value of each indicator.
+
+        fields: names of indicators, as for :meth:`export`; None: all in the store.
+        iso: also count the elements visited when extracting this isosurface.
+        plane: normal and offset as for :meth:`slice`; restrict the mesh and its error to this plane.
+        norm: p; also integrate the errors of value and gradient in L^p, exactly.
+        graph_distance: also compute the distance between the graphs of data and mesh; slow if the error is large.
+        steps: number of thresholds, at least 2. least: the smallest threshold.
+        memory: bytes; must hold the volume with 20 bytes per node.
         """
         if steps < 2:
             raise ValueError(f"steps={steps!r}: give 2 or more")
@@ -319,21 +325,21 @@ class Store(Extracting):
 
     def view(self, *, port: int = 0, memory: Bytes = "1G", threads: int = 0, open: Optional[bool] = None,
              height: int = 600, program: "os.PathLike[str] | str | None" = None) -> _view.View:
-        """Shows the store in a window of the browser: surface, slices, histogram, and the bound of what is seen.
+        """Shows the store in the browser: surface, slices, histogram, and the error bound of the mesh shown.
 
-        It runs the program ``isonest view`` until the :class:`isonest.View` that is returned is closed or nothing
-        refers to it any more. In a notebook a cell whose last line is the view shows it. Only this machine reaches
-        the page, and only with the view's whole URL.
+        Runs the program ``isonest view`` until the returned :class:`isonest.View` is closed or garbage-collected. In a
+        notebook, a view that is the last expression of a cell is shown below it. The page is accessible only from this
+        machine, and only with the full URL of the view.
 
-        port: to listen on; 0 is any that is free.
-        memory: bytes of heap that the program stays within; at least 512M. threads: 0 is all cores.
-        open: a tab of the browser; None is True outside of a notebook, and False inside.
-        height: of the frame in a notebook, in pixels.
-        program: where ``isonest`` is. Without it the environment variable ISONEST says so, else it is the one that
-            was installed with this package, else the one on the PATH.
+        port: port to listen on; 0 is any free one.
+        memory: largest heap of the program in bytes; at least 512M. threads: 0 is all cores.
+        open: open a tab of the browser; None: unless in a notebook.
+        height: height of the frame in a notebook, in pixels.
+        program: path of ``isonest``. None: the environment variable ISONEST, otherwise the program installed with
+            this package, otherwise the one on the PATH.
 
-        Raises FileNotFoundError if there is no program, and what the program says as subclasses of
-        :class:`isonest.Error`.
+        Raises FileNotFoundError if the program is not found, ValueError for a number out of range, and errors of the
+        program as subclasses of :class:`isonest.Error`.
         """
         return _view.start(self._location if self._core.is_remote else self.path, shown=str(self.path), port=port,
                            memory=memory, threads=threads, open=open, height=height, program=program,

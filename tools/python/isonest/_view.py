@@ -1,4 +1,4 @@
-"""A store in a window of the browser: the program ``isonest view`` as a child process."""
+"""Shows a store in the browser, with the program ``isonest view`` as a child process."""
 from __future__ import annotations
 
 import functools
@@ -21,9 +21,9 @@ from . import _errors
 from ._arguments import Bytes, to_bytes, to_cache
 
 _BESIDE = pathlib.Path(os.path.abspath(__file__)).parent / "bin" / "isonest"
-"""Where a wheel and a build tree have the program. In the latter this file is a link."""
+"""Location of the program in a wheel or a build tree, where this source file is a symbolic link."""
 _PATIENCE = 5.0
-"""Seconds that the program has to end in."""
+"""Seconds to wait for the program to end before it is killed."""
 _OPTION = re.compile(r"--(port|memory|threads) ?")
 _ERRORS = {"invalid_argument": _errors.InvalidArgumentError, "not_found": _errors.NotFoundError,
            "corrupt": _errors.CorruptError, "unsupported": _errors.UnsupportedError, "io": _errors.InputOutputError,
@@ -33,8 +33,9 @@ _ERRORS = {"invalid_argument": _errors.InvalidArgumentError, "not_found": _error
 class View:
     """A running ``isonest view``, which shows a store to this machine's browsers; see :meth:`isonest.Store.view`.
 
-    In a notebook a view that is a cell's last line is shown below it. It ends with :meth:`close`, with a ``with``
-    block, when nothing refers to it any more, and with this process: keep it as long as it is looked at.
+    In a notebook, a view that is the last expression of a cell is shown below it. The program ends on :meth:`close`, at
+    the end of a ``with`` block, when the view is garbage-collected, and with this process. Keep a reference to the view
+    while it is in use.
     """
 
     def __init__(self, process: "subprocess.Popen[bytes]", errors: "IO[bytes]", store: str, url: str,
@@ -48,7 +49,7 @@ class View:
 
     @property
     def url(self) -> str:
-        """The page's address, with the token without which the server tells nothing."""
+        """The URL of the page, including the token that the server requires."""
         return self._url
 
     @property
@@ -57,13 +58,13 @@ class View:
         return self._process.poll() is not None
 
     def close(self) -> None:
-        """Ends the program; pages that are open then say so. Does nothing if it has ended."""
+        """Ends the program; open pages then show that. Does nothing if it has already ended."""
         self._end()
 
     def wait(self) -> None:
-        """Returns when the program has ended; Ctrl-C ends it. For scripts that do nothing but show a store.
+        """Waits until the program has ended; Ctrl-C ends it. For scripts that only show a store.
 
-        Raises what went wrong, as an :class:`isonest.Error`, if it did not end on somebody's wish.
+        Raises an :class:`isonest.Error` if the program failed.
         """
         try:
             code = self._process.wait()
@@ -96,7 +97,7 @@ class View:
 def start(store: "os.PathLike[str] | str", *, shown: str, port: int, memory: Bytes, threads: int, open: Optional[bool],
           height: int, program: "os.PathLike[str] | str | None", headers: "Optional[list[str]]" = None,
           cache: "os.PathLike[str] | str | None" = None) -> View:
-    """What :meth:`isonest.Store.view` does. ``headers``: None for a file."""
+    """Implements :meth:`isonest.Store.view`. ``headers``: None for a file."""
     for name, number, least, most in (("port", port, 0, 65535), ("threads", threads, 0, 4096),
                                       ("height", height, 1, 100_000)):
         if not least <= number <= most:
@@ -108,14 +109,14 @@ def start(store: "os.PathLike[str] | str", *, shown: str, port: int, memory: Byt
     if cache:
         command += ["--cache", "{}:{}".format(*to_cache(cache))]
     errors = tempfile.TemporaryFile()
-    # Not on the command line, which other users may see.
+    # Headers are not passed on the command line, which other users can see.
     secrets = tempfile.TemporaryFile()
     if headers:
         secrets.write("\n".join(headers).encode())
         secrets.flush()
         command += ["--header", f"@/dev/fd/{secrets.fileno()}"]
     try:
-        # In a session of its own: Ctrl-C in a terminal, or a notebook's "interrupt", ends the work and not the window.
+        # start_new_session: Ctrl-C in a terminal, or a notebook's "interrupt", must not end the program.
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors,
                                    start_new_session=True, pass_fds=[secrets.fileno()] if headers else [])
     except BaseException:
@@ -135,7 +136,7 @@ def start(store: "os.PathLike[str] | str", *, shown: str, port: int, memory: Byt
 
 
 def _url(process: "subprocess.Popen[bytes]", program: str, errors: "IO[bytes]") -> str:
-    """What the program's first line says; raises what it says in its place."""
+    """The URL in the program's first line of output; raises the error that the program reports instead."""
     assert process.stdout is not None
     line = process.stdout.readline()
     try:
@@ -147,7 +148,7 @@ def _url(process: "subprocess.Popen[bytes]", program: str, errors: "IO[bytes]") 
 
 
 def _end(process: "subprocess.Popen[bytes]", errors: "IO[bytes]", owner: int) -> None:
-    """A process that was forked from the owner has no right to."""
+    """Ends the program, unless called in a process forked from its owner."""
     if os.getpid() != owner:
         return
     if process.poll() is None:
@@ -177,7 +178,7 @@ def _find_program(program: "os.PathLike[str] | str | None") -> str:
 
 @functools.lru_cache(maxsize=None)
 def _setpriv() -> "list[str]":
-    """What has to stand before a command, so that Linux ends it when the thread that started it is gone."""
+    """A command prefix that makes Linux end the command with the thread that started it; empty if not available."""
     command = ["setpriv", "--pdeathsig", "TERM"]
     try:
         works = subprocess.run([*command, "true"], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
@@ -188,19 +189,19 @@ def _setpriv() -> "list[str]":
 
 
 def _ending_with_us() -> "list[str]":
-    """A killed process cannot end its child. Other threads may end long before the process does."""
+    """A prefix that ends the program if this process is killed. Empty in other threads, as they may end earlier."""
     return _setpriv() if threading.current_thread() is threading.main_thread() else []
 
 
 def _in_notebook() -> bool:
-    """Whether this is the kernel of a notebook, which shows what a cell returns."""
+    """Whether this process is the kernel of a notebook."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     return getattr(shell, "kernel", None) is not None
 
 
 def _failure(program: str, code: int, out: bytes, errors: "IO[bytes]") -> _errors.Error:
-    """The exception for a program that ended: what its last JSON says, or else what it wrote to standard error."""
+    """The exception for a program that failed: from its last JSON, otherwise from its standard error."""
     begin = out.find(b'{\n  "error"')
     try:
         return _told(json.loads(out[max(begin, 0):])["error"])
@@ -212,7 +213,7 @@ def _failure(program: str, code: int, out: bytes, errors: "IO[bytes]") -> _error
 
 
 def _told(error: "dict[str, Any]") -> _errors.Error:
-    """In the words of this package."""
+    """Converts an error of the program to an exception that names this package's arguments."""
     kind, message, file = error["kind"], error["message"], error["file"]
     for remedy in error["remedies"][:1]:
         message = re.split("(?:; |\n)" + re.escape(remedy["text"]), message)[0]

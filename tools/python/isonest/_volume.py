@@ -1,4 +1,4 @@
-"""What is done with a volume: made into a store, or extracted from in one call."""
+"""Functions for volumes: preprocess them to a store, or extract a surface in one call."""
 from __future__ import annotations
 
 import os
@@ -24,35 +24,40 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
                indicators: Union[None, str, Sequence[str]] = None, exact: bool = False, chunk: int = 64,
                compression: int = 1, replace: bool = False, resume: bool = False, headers: Headers = None,
                cache: "os.PathLike[str] | str | None" = None, memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> PreprocessReport:
-    """Turns a volume into the file ``store``, which appears whole or not at all.
+    """Converts a volume to the file ``store``, which appears only when it is complete.
 
-    volume: an array [z, y, x], or [y, x] for a map, of integers, truth values, float16, float32 or float64; anything
-        with shape, dtype and slices (a dataset of h5py, zarr); or the name of a file or folder, or the names of files
-        that are slices of one volume; or a URL (https://, http://, s3://bucket/key), of some formats.
-        A NumPy array of any strides, mapped ones among them, is read where it lies; of other things one slab is in
-        memory at a time. 64-bit integers become float64 and have to be within 2**53, float16 becomes float32. NaN
-        and what is masked are missing data. Nobody may change the volume meanwhile.
-    spacing: distance of neighbouring nodes, origin: world position of the first node, both in the order of the
-        array's axes. Without them 1 and 0, or what the file says.
-    unit: of length, of both: "mm", "um", "nm", ...; without it what the file says, or not known.
-    frame: what the world's axes are in a patient, "RAS" (NIfTI, FreeSurfer) or "LPS" (DICOM, ITK); without it what
-        the file says, or not known. It changes no number.
-    missing: this value stands for missing data.
-    dataset: of a file of several, series: of DICOM. labels: the values are labels; integers of 64 bits are
-        kept as they are (0 to 2**62 - 1), and so are names and colours that the file has for its labels; label_names:
-        a table of them, as FreeSurfer, 3D Slicer and ITK-SNAP have it, in place of the file's. index: of files with
-        time steps or channels what is taken of each axis, ``(5, None, None, None)``, or by the axis' name or number,
-        ``{"time": 5}``, ``{0: 5}``; None takes a whole axis, also one that is no direction in space.
-        crop: ``np.s_[10:20, :, 5:]``; every: of what is left, each so-many-th node, one number or (z, y, x).
-    shape, dtype, offset: of raw numbers; ">u2" is a dtype of big-endian numbers.
-    indicators: names of the error indicators, in a list or with commas; "nodes" are all of nodes, "all" those of
-        hexahedral cells too; exact: not rounded up to 16 bits.
-    chunk: nodes per axis, a power of two from 8 to 256. compression: zstd level, 1 to 19.
-    replace: an existing store. resume: go on with what an interrupted run left, and leave what this one has done.
-    headers, cache: of a volume at a URL, as in :func:`open`, and not used of others; a quarter of the memory is for
-        what is fetched.
-    memory: bytes of heap, at most, beside the volume. threads: 0 is all cores.
-    progress: a function ``(phase, done, total, unit)``, or True for bars of tqdm. What it raises ends the work.
+    volume: an array [z, y, x], or [y, x] for data in a plane, of integers, bool, float16, float32 or float64; an object
+        with shape, dtype and slices (such as a dataset of h5py or zarr); the name of a file or folder, or of several
+        files that are slices of one volume; or a URL (https://, http://, s3://bucket/key), for some formats.
+        A NumPy array with any strides, including a memory-mapped one, is read in place; of other objects, one slab is
+        in memory at a time. 64-bit integers become float64 and must be within 2**53; float16 becomes float32. NaN and
+        masked values are missing. The volume must not change during the call.
+    spacing: distance between neighbouring nodes; origin: world position of the first node. Both in the order of the
+        array's axes. None: as in the file, otherwise 1 and 0.
+    unit: world unit of spacing and origin: "mm", "um", "nm", ...; None: as in the file, otherwise unknown.
+    frame: the patient axes of the world, "RAS" (NIfTI, FreeSurfer) or "LPS" (DICOM, ITK); None: as in the file,
+        otherwise unknown. Changes no coordinates.
+    missing: a value that represents missing data.
+    dataset: the array, for a file with several. series: the series, for DICOM.
+    labels: the values are labels. 64-bit integers are kept (0 to 2**62 - 1), and so are the names and colours of labels
+        in the file. label_names: a file with a table of names and colours (FreeSurfer, 3D Slicer, ITK-SNAP), which
+        replaces those of the volume.
+    index: for files with time steps or channels, the position on each axis, ``(5, None, None, None)``, or by name or
+        number of the axis, ``{"time": 5}``, ``{0: 5}``. None takes a whole axis, even if it is not a spatial one.
+    crop: part of the volume, ``np.s_[10:20, :, 5:]``. every: keep each n-th node of it; a number or (z, y, x).
+    shape, dtype, offset: of raw files; ">u2" is a big-endian dtype. The offset is in bytes.
+    indicators: names of the error indicators, as a list or separated by commas; "nodes" are all indicators for nodes,
+        "all" also includes those for hexahedral cells. exact: do not round them up to 16 bits.
+    chunk: nodes per axis of a chunk, a power of two from 8 to 256. compression: zstd level, 1 to 19.
+    replace: overwrite an existing store. resume: continue an interrupted run; if this run is interrupted, keep its
+        files.
+    headers, cache: for a volume at a URL, as in :func:`open`; otherwise ignored. A quarter of the memory is used for
+        fetched data then.
+    memory: largest heap in bytes, in addition to the volume. threads: 0 is all cores.
+    progress: a function ``(phase, done, total, unit)``, or True for bars of tqdm. An exception that it raises cancels
+        the work.
+
+    Raises TypeError, ValueError, and subclasses of :class:`isonest.Error`.
     """
     options = _core.PreprocessOptions()
     options.memory = to_bytes(memory)
@@ -78,20 +83,19 @@ def isosurface(volume: Any, iso: "Union[None, float, Sequence[float]]" = None, *
                frame: Optional[_sources.PatientFrame] = None, missing: Optional[float] = None, cells: Optional[Cells] = None, memory: Bytes = "1G",
                threads: int = 0, scratch: "os.PathLike[str] | str | None" = None, progress: Progress = None,
                **query: Any) -> "Union[Mesh, list[Mesh]]":
-    """The surface of a volume in one call, for volumes that are looked at once.
+    """Extracts the surface of a volume in one call, for volumes that are used only once.
 
-    ``volume``, ``spacing``, ``unit``, ``frame`` and ``missing`` are those of :func:`preprocess`, the other arguments those of
-    :meth:`Store.isosurface`. Without an isovalue it is the mean of the smallest and the largest value.
+    ``volume``, ``spacing``, ``unit``, ``frame`` and ``missing`` are as for :func:`preprocess`, the other arguments as
+    for :meth:`Store.isosurface`. Without ``iso``, the isovalue is the mean of the smallest and the largest value.
 
-    The surface at full resolution, whole or cut by a ``box``, and what is made of it (``close``, ``distance``,
-    ``triangles``, ``components``, ``min_component``, ``min_volume``), comes straight from the volume, which is read
-    once for each isovalue. What else is asked for needs a store, which is made in the folder ``scratch`` and removed:
-    an error or a threshold; ``focus``, ``camera``, ``view``, ``bound``; ``vertices``, ``vertex_values`` and
-    ``vertex_error``; ``effort="none"``, ``by="error"``, ``keep_analysis``, ``volume_interval``.
-    So do data in a plane, labels of 64 bits, and chunks of planes that are beyond ``memory``.
+    The surface at full resolution, optionally with ``box``, ``close``, ``distance``, ``triangles``, ``components``,
+    ``min_component`` and ``min_volume``, is extracted directly from the volume, which is read once per isovalue. A
+    temporary store in the folder ``scratch`` is needed for an error or a threshold; ``focus``, ``camera``, ``view``,
+    ``bound``; ``vertices``, ``vertex_values``, ``vertex_error``; ``effort="none"``, ``by="error"``, ``keep_analysis``,
+    ``volume_interval``; and for data in a plane, 64-bit labels, and volumes whose chunks do not fit into ``memory``.
 
-    memory: bytes, beside the volume and the mesh (at full resolution, twice the mesh). scratch: the folder for that
-        store and for temporary files; without it, the system's.
+    memory: bytes, in addition to the volume and the mesh (at full resolution, twice the mesh). scratch: the folder for
+        the store and temporary files; None: the system's.
     """
     mesh = _marching.march(volume, iso, spacing=spacing, unit=unit, frame=frame, missing=missing, cells=cells, memory=memory,
                            threads=threads, scratch=scratch or "", progress=progress, **query)

@@ -39,7 +39,7 @@ namespace {
 
 using Position = std::array<float, 3>;
 
-/// The same attributes with those of float64 as float32.
+/// The layout with float64 attributes changed to float32.
 MeshLayout in_float32(MeshLayout layout) {
     layout.row_bytes = 0;
     for (VertexAttribute& attribute : layout.attributes) {
@@ -50,7 +50,7 @@ MeshLayout in_float32(MeshLayout layout) {
     return layout;
 }
 
-/// A mesh's rows as batches have them.
+/// Rows of a mesh in the form that batches have.
 class Rows {
   public:
     Rows(const ArrayMesh& mesh, const MeshLayout& layout, const std::filesystem::path& path)
@@ -111,7 +111,7 @@ void send_vertices(const ArrayMesh& mesh, Rows& rows, MeshSink& sink, Progress& 
     }
 }
 
-/// The vertices of the element number i; of a line the last one twice.
+/// The vertices of element i; for a line, the last one is repeated.
 std::array<std::uint64_t, 3> corners_of(const ArrayMesh& mesh, std::size_t count, std::size_t i) {
     const std::uint32_t* const c = mesh.corners + count * i;
     std::array<std::uint64_t, 3> corners{};
@@ -171,7 +171,7 @@ void write_mesh(const ArrayMesh& mesh, const MeshOrigin& origin, const std::file
 
 namespace {
 
-/// A mesh in memory, and what a file of it needs to know besides.
+/// Collects a mesh in memory, with what is needed to save it to a file later.
 class Collector : public MeshCollector {
   public:
     void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override {
@@ -183,7 +183,7 @@ class Collector : public MeshCollector {
         origin_.layout = layout;
     }
     [[nodiscard]] const MeshOrigin& origin() const { return origin_; }
-    /// It is the surface of this label.
+    /// Marks the mesh as the surface of this label.
     void set_label(const Store& store, std::int64_t id) {
         origin_.label = store.label_name(id).value_or(LabelName{id});
     }
@@ -192,7 +192,7 @@ class Collector : public MeshCollector {
     MeshOrigin origin_;
 };
 
-/// A mesh that stays when the sink, which the extraction owns, is gone.
+/// A sink that shares the mesh, which outlives the sink: the extraction owns and destroys the sink.
 class SharedSink : public MeshSink {
   public:
     explicit SharedSink(std::shared_ptr<Collector> mesh) : mesh_(std::move(mesh)) {}
@@ -214,7 +214,7 @@ py::object array_or_none(std::vector<T>&& rows, const MeshLayout& layout, const 
                                         : py::object(as_array(std::move(rows)));
 }
 
-/// (positions, elements, normals, values, errors, origin, report): the arrays own the mesh.
+/// Returns (positions, elements, normals, values, errors, origin, report); the arrays own the mesh.
 py::tuple as_tuple(Collector& mesh, ExtractReport report) {
     const MeshLayout& layout = mesh.origin().layout;
     py::array elements =
@@ -253,8 +253,7 @@ py::tuple extract_mesh(const OpenStore& handle, const A& asked, const ExtractOpt
     return as_tuple(mesh, std::move(report));
 }
 
-/// An array (n, 3) whose numbers are yet to come. Large ones lie in large pages: NumPy asks for
-/// them.
+/// An uninitialised array (n, 3). NumPy requests huge pages for large ones.
 template <class T>
 py::array_t<T> rows_of_three(std::uint64_t n) {
     return py::array_t<T>(std::vector<py::ssize_t>{static_cast<py::ssize_t>(n), 3});
@@ -265,7 +264,7 @@ std::span<std::array<T, 3>> rows_in(py::array_t<T>& rows) {
             static_cast<std::size_t>(rows.shape(0))};
 }
 
-/// The surface at full resolution, made where NumPy has it.
+/// Extracts the surface at full resolution directly into NumPy arrays.
 py::tuple march_mesh(VolumeSource& volume, const MarchQuery& query, const ExtractOptions& options,
                      const py::object& progress) {
     MeshOrigin origin{{}, volume.files()};
@@ -290,14 +289,14 @@ py::tuple march_mesh(VolumeSource& volume, const MarchQuery& query, const Extrac
         py::none(), std::move(origin), std::move(report));
 }
 
-/// Whether there is nothing to do with the surface at full resolution.
+/// Whether the surface at full resolution is the result, without further stages.
 bool is_marched_alone(const VolumeSource& volume, const SurfaceQuery& query) {
     return std::holds_alternative<ErrorBound>(query.stop) && detail::is_plain_surface(query) &&
-           query.effort.value_or(Effort::none) == Effort::none &&  // extract() refuses others
+           query.effort.value_or(Effort::none) == Effort::none &&  // extract() throws for others
            volume.describe().direction == kAlongWorld;
 }
 
-/// Straight from a volume, as extract_mesh(). The volume is used up. REQUIRES: the query needs no
+/// Like extract_mesh(), but directly from a volume, which is consumed. REQUIRES: the query needs no
 /// store.
 py::tuple extract_volume_mesh(Source& source, const AskedSurface& asked,
                               const ExtractOptions& options, const py::object& progress) {
@@ -313,7 +312,7 @@ py::tuple extract_volume_mesh(Source& source, const AskedSurface& asked,
     return as_tuple(mesh, std::move(report));
 }
 
-/// Of a volume, which is used up.
+/// The smallest and largest finite value; none if there is none. Consumes the volume.
 std::optional<std::pair<double, double>> range_of_source(Source& source,
                                                          const ExtractOptions& options,
                                                          const py::object& progress) {
@@ -328,8 +327,8 @@ std::vector<Label>::const_iterator place_of(const std::vector<Label>& labels, st
                             [](const Label& label, std::int64_t i) { return label.id < i; });
 }
 
-/// Those of the store that are wanted, by their ids; without `ids` all but 0. Throws
-/// Error{not_found}. REQUIRES: `all` is sorted.
+/// The labels with these ids; without `ids`, all but 0. REQUIRES: `all` is sorted. Throws
+/// Error{not_found}.
 std::vector<Label> chosen_labels(const Store& store, std::vector<Label> all,
                                  const std::optional<std::vector<std::int64_t>>& ids) {
     if (!ids) {
@@ -349,7 +348,7 @@ std::vector<Label> chosen_labels(const Store& store, std::vector<Label> all,
     return chosen;
 }
 
-/// Pairs of a label and its mesh, as of extract_mesh().
+/// A list of pairs of a label and its mesh, in the form of extract_mesh().
 py::list extract_label_meshes(const OpenStore& handle,
                               const std::optional<std::vector<std::int64_t>>& ids,
                               const AskedSurface& asked, const ExtractOptions& options,
@@ -381,7 +380,8 @@ py::list extract_label_meshes(const OpenStore& handle,
     return result;
 }
 
-/// (mesh as of extract_mesh(), labels on both sides of its triangles, areas of pairs of labels).
+/// Returns (mesh in the form of extract_mesh(), labels on both sides of its triangles, areas of
+/// pairs of labels).
 py::tuple extract_interface_mesh(const OpenStore& handle,
                                  const std::optional<std::vector<std::int64_t>>& ids,
                                  const AskedSurface& asked, const ExtractOptions& options,
@@ -404,7 +404,7 @@ py::tuple extract_interface_mesh(const OpenStore& handle,
     return py::make_tuple(as_tuple(mesh, std::move(report)), std::move(sides), std::move(areas));
 }
 
-/// A mesh for each isovalue, as of extract_mesh().
+/// A mesh per isovalue, in the form of extract_mesh().
 py::list extract_isovalue_meshes(const OpenStore& handle, const std::vector<double>& isovalues,
                                  const AskedSurface& asked, const ExtractOptions& options,
                                  const py::object& progress) {
@@ -432,8 +432,8 @@ using Doubles = py::array_t<double, py::array::c_style>;
 using CornerNumbers = py::array_t<std::uint32_t, py::array::c_style>;
 using LabelNumbers = py::array_t<std::int64_t, py::array::c_style>;
 
-/// Null if the layout has no attribute of this name. Throws py::value_error unless there is a row
-/// of it for every vertex.
+/// The rows of an attribute; null if the layout does not have it. Throws py::value_error unless the
+/// array has one row per vertex.
 template <class T>
 const T* attribute_of(const MeshOrigin& origin, const char* name, std::size_t vertices,
                       const std::optional<py::array_t<T, py::array::c_style>>& array) {

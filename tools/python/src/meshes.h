@@ -1,4 +1,4 @@
-// Meshes: from a store to arrays, and from arrays to files.
+// Extraction from stores to arrays, and writing meshes in arrays to files.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -15,38 +15,36 @@
 
 namespace isonest::python {
 
-// A mesh that lies in arrays, handed to a sink.
-
-/// What an extraction said of a mesh beside its arrays.
+/// What is known about an extracted mesh besides its arrays.
 struct MeshOrigin {
     MeshLayout layout;
-    std::vector<std::filesystem::path> inputs;  ///< the files that it was made from
-    LabelName label = {};                       ///< that it is of: its name and colour
+    std::vector<std::filesystem::path> inputs;  ///< the files from which it was made
+    LabelName label = {};  ///< name and colour of the label, for the surface of a label
 };
 
-/// The arrays, which belong to somebody else; an attribute that the layout has not is null.
+/// A mesh in arrays that it does not own. Attributes that the layout lacks are null.
 struct ArrayMesh {
     std::size_t vertices = 0;
     const float* positions = nullptr;  ///< x, y, z
     std::size_t elements = 0;
-    const std::uint32_t* corners = nullptr;  ///< of an element as many as the layout says
-    bool flip = false;                       ///< the corners of each element come backwards
+    const std::uint32_t* corners = nullptr;  ///< the layout says how many per element
+    bool flip = false;                       ///< reverse the corners of each element
     const float* normals = nullptr;
     const double* values = nullptr;
     const float* errors = nullptr;
-    const std::array<std::int64_t, 2>* sides = nullptr;  ///< of each element
+    const std::array<std::int64_t, 2>* sides = nullptr;  ///< labels on both sides of each element
 };
 
-/// Hands the sink what the extraction would have handed it: a file has the same bytes. Values that
-/// the sink holds as float32 alone are rounded. `path`: of the file, for messages. Throws
-/// Error{invalid_argument} if a corner is no vertex, Error{limit} for values beyond float32,
-/// Error{cancelled}, and what the sink throws.
+/// Sends the mesh to the sink like the extraction did, so that a file has the same bytes. Values
+/// are rounded if the sink stores float32 only. `path`: of the file, for messages. Throws
+/// Error{invalid_argument} if a corner is not a vertex, Error{limit} for values too large for
+/// float32, Error{cancelled}, and what the sink throws.
 void write_mesh(const ArrayMesh& mesh, const MeshOrigin& origin, const std::filesystem::path& path,
                 MeshSink& sink, Progress& progress);
 
 namespace py = pybind11;
 
-/// Adds extract(), extract_labels(), MeshLayout and save_mesh(). REQUIRES: add_queries(),
+/// Adds the functions for extraction, MeshLayout and save_mesh(). REQUIRES: add_queries(),
 /// add_stores() and add_reports() were called.
 void add_meshes(py::module_& module);
 

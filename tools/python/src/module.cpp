@@ -1,4 +1,4 @@
-// isonest._core: the library for the Python files of the package, which are what people use.
+// isonest._core: the compiled part of the package. Users call the package's Python functions.
 #include <pybind11/pybind11.h>
 
 #include <isonest/version.h>

@@ -30,7 +30,7 @@ struct Phase {
 
 class WatchedProgress;
 
-/// What is running, of all threads of Python.
+/// The work that is running, started by any thread of Python.
 struct Running {
     std::mutex mutex;
     std::set<const WatchedProgress*> all;
@@ -41,7 +41,7 @@ Running& running() {
     return instance;
 }
 
-/// What the work says, for whoever looks now and then.
+/// Records the progress of the work, for a thread that polls it.
 class WatchedProgress : public Progress {
   public:
     WatchedProgress() {
@@ -70,7 +70,7 @@ class WatchedProgress : public Progress {
     }
     void cancel() { cancelled_ = true; }
 
-    /// The phase that was the last one at the last call, and those that began since.
+    /// The phase that was current at the last call, and those that have begun since.
     std::vector<Phase> news() {
         const std::lock_guard lock(mutex_);
         if (phases_.empty()) {
@@ -89,7 +89,7 @@ class WatchedProgress : public Progress {
     std::atomic<bool> cancelled_{false};
 };
 
-/// Tells `function` what is new. REQUIRES: the GIL.
+/// Calls `function` with new progress. REQUIRES: the GIL is held.
 class Reporter {
   public:
     Reporter(WatchedProgress& progress, const py::object& function)
@@ -117,7 +117,7 @@ class Reporter {
     std::uint64_t said_ = 0;
 };
 
-/// The work on its thread.
+/// Runs the work on its own thread.
 class Worker {
   public:
     Worker(WatchedProgress& progress, const std::function<void(Progress&)>& work)
@@ -135,7 +135,7 @@ class Worker {
     Worker(const Worker&) = delete;
     Worker& operator=(const Worker&) = delete;
 
-    /// Waits for the end, at most for a period.
+    /// Waits until the work has ended, for at most one period.
     bool ended() {
         std::unique_lock lock(mutex_);
         return changed_.wait_for(lock, kPeriod, [this] { return ended_; });

@@ -60,7 +60,7 @@ LengthUnit unit_of_name(const std::string& name) {
 
 namespace {
 
-/// The member of `choices` that has this name; `what` is the argument's.
+/// The value in `choices` with this name. Throws py::value_error; `what` is the argument's name.
 template <class T, std::size_t n>
 T choose(const char* what, const std::string& name,
          const std::array<std::pair<const char*, T>, n>& choices) {
@@ -88,7 +88,8 @@ Effort effort_of(const std::string& name) {
                       {{"none", Effort::none}, {"fast", Effort::fast}, {"best", Effort::best}}});
 }
 
-/// By the names of the program, or written out. `cubes`: what cells are that are not simplices.
+/// The names used by the program, and the full names. `cubes`: the name of cells that are not
+/// simplices.
 Cells cells_of(const std::string& name, const char* cubes, const char* cubes_in_full) {
     return choose(
         "cells", name,
@@ -118,7 +119,7 @@ auto& cells_in(Query& query) {
     return query.cells;
 }
 
-/// What all queries have.
+/// Adds the methods that all queries share.
 template <class A>
 void add_common(py::class_<A>& type) {
     using namespace py::literals;
@@ -155,7 +156,7 @@ void add_common(py::class_<A>& type) {
             "lo"_a, "hi"_a);
 }
 
-/// What triangles have, and contour lines have not. `cubes`: see cells_of().
+/// Adds the methods for queries with triangles; contour lines lack them. `cubes`: see cells_of().
 template <class A>
 void add_attributes(py::class_<A>& type, const char* cubes, const char* cubes_in_full) {
     using namespace py::literals;
@@ -179,7 +180,7 @@ void add_attributes(py::class_<A>& type, const char* cubes, const char* cubes_in
             "normals"_a);
 }
 
-/// In place of an error.
+/// Adds the stops that replace an error.
 void add_surface_stops(py::class_<AskedSurface>& type) {
     using namespace py::literals;
     using A = AskedSurface;

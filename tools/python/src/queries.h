@@ -1,4 +1,4 @@
-// What is asked of a store: from the arguments of Python's functions to the library's queries.
+// Queries of a store: converts arguments of Python functions to queries of the library.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -16,14 +16,14 @@
 
 namespace isonest::python {
 
-// Names in arguments: of fields and of units.
+// Names of fields and units.
 
-/// Throws Error{invalid_argument} listing the indicators that there are.
+/// Throws Error{invalid_argument}, which lists the indicators.
 Field indicator_of_name(const std::string& name);
-/// Several, sorted as in a store, none twice; "nodes" and "all" are groups of them. Throws as
-/// above.
+/// Several indicators in the order of a store, without duplicates; "nodes" and "all" are groups.
+/// Throws what indicator_of_name() throws.
 std::vector<Field> indicators_of_names(const std::vector<std::string>& names);
-/// The same, or the values.
+/// An indicator or the values. Throws what indicator_of_name() throws.
 Field field_of_name(const std::string& name);
 
 /// Throws Error{invalid_argument}, which lists the units.
@@ -31,7 +31,7 @@ LengthUnit unit_of_name(const std::string& name);
 
 namespace py = pybind11;
 
-/// A query, and the store that its vertices have their values from.
+/// A query, and the store that supplies the vertex values, which it keeps open.
 template <class Query>
 struct Asked {
     Query query;
@@ -42,12 +42,12 @@ struct Asked {
         query.attributes.values = values.get();
     }
 };
-/// With a label in place of an isovalue.
+/// A query for a surface, of an isovalue or of a label.
 struct AskedSurface : Asked<SurfaceQuery> {
     std::optional<LabelChoice> label;
-    std::optional<LabelSmoothing> smooth;  ///< of a label's surface
+    std::optional<LabelSmoothing> smooth;  ///< for the surface of a label
 
-    /// As isonest::label_query().
+    /// Throws what isonest::label_query() throws.
     [[nodiscard]] LabelQuery label_query(const LabelChoice& choice) const {
         LabelQuery asked = isonest::label_query(query, choice);
         asked.smooth = smooth;
@@ -58,8 +58,8 @@ using AskedSlice = Asked<SliceQuery>;
 using AskedContours = Asked<ContourQuery>;
 using AskedGraph = Asked<GraphQuery>;
 
-/// Adds SurfaceQuery, SliceQuery, ContourQuery, GraphQuery and ExtractOptions. Everything is in
-/// world coordinates, x, y, z. REQUIRES: add_stores() was called.
+/// Adds SurfaceQuery, SliceQuery, ContourQuery, GraphQuery and ExtractOptions. Coordinates are x,
+/// y, z in the world. REQUIRES: add_stores() was called.
 void add_queries(py::module_& module);
 
 }  // namespace isonest::python

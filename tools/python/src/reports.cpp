@@ -23,7 +23,7 @@
 namespace isonest::python {
 namespace {
 
-/// What can be done, in the words of this package; {} is the remedy's value.
+/// The text of a remedy in terms of this package's arguments; {} is replaced by its value.
 std::string_view words_of(RemedyKind kind) {
     switch (kind) {
         case RemedyKind::replace_existing:
@@ -121,7 +121,7 @@ std::string_view words_of(RemedyKind kind) {
     return "";
 }
 
-/// The members of SourceOptions, as this package calls them.
+/// Translates names of members of SourceOptions to arguments of this package.
 std::string in_our_names(const std::string& members) {
     std::string text;
     for (std::size_t at = 0; at < members.size();) {
@@ -138,7 +138,7 @@ std::string in_our_names(const std::string& members) {
     return text;
 }
 
-/// "t=0,c=:" as the entries of a dict: "'t': 0, 'c': None".
+/// "t=0,c=:" as entries of a dict: "'t': 0, 'c': None".
 std::string entries_of_dict(const std::string& index) {
     std::string text;
     for (std::size_t at = 0; at < index.size();) {

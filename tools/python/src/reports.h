@@ -1,18 +1,17 @@
-// What preprocessing and extraction report.
+// Reports of preprocessing and extraction, and exceptions.
 #pragma once
 
 #include <pybind11/pybind11.h>
 
 namespace isonest::python {
 
-// The library's errors as Python exceptions.
-
 namespace py = pybind11;
 
-/// isonest::Error becomes an exception of isonest._errors, a failure of the file system an OSError.
+/// Translates isonest::Error to the exceptions of isonest._errors, and std::filesystem errors to
+/// OSError.
 void translate_errors();
 
-/// Adds PreprocessReport and ExtractReport, with attributes that can only be read.
+/// Adds PreprocessReport, Report and TriangleQuality, whose attributes are read-only.
 void add_reports(py::module_& module);
 
 }  // namespace isonest::python

@@ -52,7 +52,7 @@ void export_store_field(const OpenStore& handle, const std::filesystem::path& pa
     });
 }
 
-/// Those with these names; without names all of the store that can be studied so.
+/// The fields with these names; without names, all fields of the store that can be studied.
 std::vector<detail::StudyField> study_fields(const Store& store, const StudyOptions& options,
                                              const std::optional<std::vector<std::string>>& names) {
     std::vector<detail::StudyField> fields;
@@ -75,7 +75,7 @@ std::vector<detail::StudyField> study_fields(const Store& store, const StudyOpti
     return fields;
 }
 
-/// (all elements, all cells, rows)
+/// Returns (number of all elements, number of all cells, rows).
 py::tuple study_store(const OpenStore& handle, const std::optional<std::vector<std::string>>& names,
                       StudyOptions options, const py::object& progress) {
     const std::shared_ptr<const Store> store = handle.get();
@@ -150,7 +150,7 @@ using detail::cli::VolumeValues;
 
 struct SmoothOptions {
     detail::DiffusionOptions diffusion;
-    std::optional<double> sigma;  ///< without a value the smallest spacing
+    std::optional<double> sigma;  ///< none: the smallest spacing
     int steps = 0;
     std::set<int> snapshots;
     bool grid = false;
@@ -159,7 +159,7 @@ struct SmoothOptions {
     std::uint64_t memory = std::uint64_t{1} << 30U;
 };
 
-/// What is kept of the work, in C++ memory.
+/// The result of smoothing, in C++ memory.
 struct Smoothed {
     Int3 nodes;
     std::vector<float> values;
@@ -168,7 +168,8 @@ struct Smoothed {
     std::vector<std::pair<int, std::vector<float>>> snapshots;
 };
 
-/// Stops when the user's does, and shows nothing: the steps are what is counted.
+/// Progress of one step: can be cancelled like the whole run, but displays nothing, because
+/// progress counts whole steps.
 class WithinStep : public Progress {
   public:
     explicit WithinStep(const Progress& whole) : whole_(whole) {}
@@ -212,7 +213,7 @@ void write_values(const std::filesystem::path& path, const VolumeDescription& d,
     file->finish();
 }
 
-/// Throws Error{invalid_argument, unsupported} before any work.
+/// Checks the options before any work. Throws Error{invalid_argument, unsupported}.
 void require_sense(const SmoothOptions& o, const detail::Lattice& lattice,
                    const std::string& name) {
     const auto require = [](bool is_right, const char* what) {
@@ -275,7 +276,7 @@ py::array as_volume(std::vector<T>&& values, const Int3& nodes) {
     return as_array(std::move(values)).reshape(std::vector<py::ssize_t>{nodes.z, nodes.y, nodes.x});
 }
 
-/// (values, grid or None, steps, snapshots as pairs of a step and its values)
+/// Returns (values, grid or None, steps, snapshots as pairs of a step and its values).
 py::tuple as_tuple(Smoothed&& s) {
     py::object grid = py::none();
     if (s.grid) {

@@ -1,11 +1,9 @@
-// Volumes smoothed by nonlinear diffusion.
+// Smoothing by nonlinear diffusion, exporting fields, and studies of indicators.
 #pragma once
 
 #include <pybind11/pybind11.h>
 
 namespace isonest::python {
-
-// A store's fields: written as volume files, and compared.
 
 namespace py = pybind11;
 

@@ -61,7 +61,7 @@ Int3 int3_of(const Numbers& n) {
     return {n[0], n[1], n[2]};
 }
 
-/// The memory of a NumPy array, of any strides. The array lives as long.
+/// A volume in the memory of a NumPy array with any strides; keeps the array alive.
 class ArrayVolume : public MemoryVolume {
   public:
     ArrayVolume(py::array array, MemoryLayout layout, bool identified, std::vector<Path> files)
@@ -77,7 +77,7 @@ class ArrayVolume : public MemoryVolume {
     ArrayVolume(const ArrayVolume&) = delete;
     ArrayVolume& operator=(const ArrayVolume&) = delete;
 
-    /// A digest reads all values once more: only for those who want to resume.
+    /// Computing the digest reads all values once more, so this is done only for a resumable run.
     [[nodiscard]] std::string identity() const override {
         return identified_ ? MemoryVolume::identity() : "";
     }
@@ -89,8 +89,8 @@ class ArrayVolume : public MemoryVolume {
     std::vector<Path> files_;
 };
 
-/// A Python object with read(z0, z1, y0, y1) that returns a dense array of the volume's type. The
-/// GIL is held for one such call at a time.
+/// A volume read through a Python object with a method read(z0, z1, y0, y1), which returns a dense
+/// array of the volume's type. The GIL is held for one such call at a time.
 class ReaderVolume : public VolumeSource {
   public:
     ReaderVolume(py::object reader, VolumeDescription description, Granularity granularity,
@@ -177,7 +177,7 @@ AnatomicalFrame frame_of(const std::optional<std::string>& name) {
     return *frame;
 }
 
-/// How files are read, as Python fills it in.
+/// Adds SourceOptions, which Python fills in.
 void add_source_options(py::module_& module) {
     using O = SourceOptions;
     py::class_<O>(module, "SourceOptions")
@@ -220,7 +220,7 @@ void add_source_options(py::module_& module) {
 
 Source source_of_files(const std::vector<Path>& paths, const SourceOptions& options) {
     std::unique_ptr<VolumeSource> volume;
-    // What is elsewhere may take its time.
+    // Opening a remote volume may take long, so Ctrl-C must work.
     run_watched(py::none(), [&](Progress& /*progress*/) { volume = open_volume(paths, options); });
     return Source(std::move(volume));
 }

@@ -1,4 +1,4 @@
-// Volumes: files, NumPy arrays, and whatever gives NumPy arrays when it is sliced.
+// Input volumes: files, NumPy arrays, and objects that return NumPy arrays when sliced.
 #pragma once
 
 #include <pybind11/numpy.h>
@@ -15,11 +15,11 @@
 
 namespace isonest::python {
 
-// C++ memory as NumPy arrays, and the order of their axes.
+// C++ memory as NumPy arrays, and the order of axes.
 
 namespace py = pybind11;
 
-/// An array (n, k) that owns the vector's memory: nothing is copied.
+/// Returns an array (n, k) that takes ownership of the vector's memory; nothing is copied.
 template <class T, std::size_t k>
 py::array as_array(std::vector<std::array<T, k>>&& rows) {
     auto owner = std::make_unique<std::vector<std::array<T, k>>>(std::move(rows));
@@ -32,7 +32,7 @@ py::array as_array(std::vector<std::array<T, k>>&& rows) {
     return py::array_t<T>({count, static_cast<py::ssize_t>(k)}, first, free);
 }
 
-/// The same of numbers, (n,).
+/// The same for numbers, as an array (n,).
 template <class T>
 py::array as_array(std::vector<T>&& numbers) {
     auto owner = std::make_unique<std::vector<T>>(std::move(numbers));
@@ -45,23 +45,24 @@ py::array as_array(std::vector<T>&& numbers) {
     return py::array_t<T>(std::vector<py::ssize_t>{count}, first, free);
 }
 
-/// Of native byte order.
+/// The dtype in native byte order.
 py::dtype dtype_of(ValueType type);
-/// Of NumPy's name ("uint8"). Throws py::type_error for what is none of the eight types.
+/// The type with NumPy's name ("uint8"). Throws py::type_error unless it is one of the eight types
+/// of a store.
 ValueType value_type_of(const py::dtype& dtype);
 
-/// (z, y, x) of a NumPy array's shape.
+/// The shape (z, y, x) of a NumPy array.
 inline py::tuple shape_of(const Int3& nodes) {
     return py::make_tuple(nodes.z, nodes.y, nodes.x);
 }
 
-/// A volume that is read once, by whoever takes it.
+/// A volume that is read only once, by the first function that takes it.
 class Source {
   public:
     explicit Source(std::unique_ptr<VolumeSource> volume) : volume_(std::move(volume)) {}
-    /// Throws py::value_error if it was taken before.
+    /// Throws py::value_error if the volume was already taken.
     [[nodiscard]] std::unique_ptr<VolumeSource> take();
-    /// Throws py::value_error if it was taken.
+    /// Throws py::value_error if the volume was taken.
     [[nodiscard]] VolumeSource& volume() const;
 
   private:

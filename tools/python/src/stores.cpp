@@ -33,13 +33,14 @@
 namespace isonest::python {
 namespace {
 
-/// A kept analysis, without its open file.
+/// A kept analysis; its file is closed.
 struct Analysis {
     std::filesystem::path path;
     std::string state;
     std::optional<std::string> query;
     std::optional<std::string> problem;
-    std::vector<std::pair<double, std::uint64_t>> steps;  ///< distance, triangles
+    std::vector<std::pair<double, std::uint64_t>>
+        steps;  ///< pairs of a distance and a number of triangles
 };
 
 Analysis analysis_of(const detail::FoundAnalysis& found) {
@@ -87,7 +88,7 @@ struct Checked {
     }
 };
 
-/// `source`: None, or the volume that the store was made from.
+/// `source`: null, or the volume from which the store was made.
 Checked check_store(const OpenStore& handle, bool quick, bool deep, Source* source,
                     std::uint64_t memory, int threads, const py::object& progress) {
     const std::shared_ptr<const Store> store = handle.get();
@@ -225,7 +226,7 @@ std::unique_ptr<OpenStore> open_store(const std::filesystem::path& location,
     return std::make_unique<OpenStore>(std::move(store));
 }
 
-/// Those of the level's nodes that lie in the volume: every 2^level-th.
+/// The number of nodes of a level that are in the volume: every 2^level-th.
 Int3 nodes_of(const Store& store, int level) {
     if (level < 0 || level >= store.levels()) {
         throw py::index_error("there is no level " + std::to_string(level) +
@@ -234,7 +235,7 @@ Int3 nodes_of(const Store& store, int level) {
     return ceil_div(store.nodes(), Int3{1, 1, 1} * (std::int64_t{1} << level));
 }
 
-/// Copies the part of a decoded chunk that lies in the box of `size` nodes from `lo` on.
+/// Copies the part of a decoded chunk that is in the box of `size` nodes from `lo` on.
 void copy_part(const ArrayInfo& array, const Int3& chunk, const std::byte* data, const Int3& lo,
                const Int3& size, std::byte* out) {
     const auto element = static_cast<std::int64_t>(array.codec.element_size);
@@ -255,18 +256,18 @@ bool are_labels(const Store& store) {
     return store.reader().layout().header().labels;
 }
 
-/// As numpy has the values; labels of 64 bits are int64.
+/// The dtype of the values in Python; int64 for labels of 64 bits.
 py::dtype dtype_of_values(const Store& store) {
     return are_labels(store) ? py::dtype("int64") : dtype_of(store.type());
 }
 
-/// A value that a reader has as Python has it: a float, or the label, an int.
+/// A value returned by a reader as a Python number: a float, or an int for labels.
 py::object value_of(const Store& store, double value) {
     const auto label = detail::wide_label(store.reader().layout().header(), value);
     return label ? py::object(py::int_(*label)) : py::object(py::float_(value));
 }
 
-/// In place, of float64 that stand for labels.
+/// Converts float64 codes of labels to int64, in place.
 void to_labels(std::byte* data, std::size_t count) {
     for (std::size_t i = 0; i < count; ++i) {
         double value = 0;
@@ -276,7 +277,7 @@ void to_labels(std::byte* data, std::size_t count) {
     }
 }
 
-/// Each chunk is decoded once, into a buffer of its own.
+/// The values in a box. Each chunk is decoded once, into its own buffer.
 py::array values(const OpenStore& handle, int level, const Numbers& lo_, const Numbers& hi_,
                  std::uint64_t memory, int threads, const py::object& report) {
     const std::shared_ptr<const Store> store = handle.get();
@@ -336,7 +337,7 @@ detail::Histogram histogram(const OpenStore& handle, std::optional<int> level, s
     return result;
 }
 
-/// Rows of id, nodes, smallest and largest coordinates (x, y, z).
+/// Rows of id, number of nodes, and smallest and largest coordinates (x, y, z).
 std::vector<std::array<std::int64_t, 8>> labels(const OpenStore& handle, std::uint64_t memory,
                                                 int threads, const py::object& report) {
     const std::shared_ptr<const Store> store = handle.get();
@@ -350,7 +351,7 @@ std::vector<std::array<std::int64_t, 8>> labels(const OpenStore& handle, std::ui
     return rows;
 }
 
-/// Rows of id, name and colour; None for what is not known.
+/// Rows of id, name and colour; None if unknown.
 py::list label_names(const OpenStore& handle) {
     py::list rows;
     for (const LabelName& label : handle.get()->label_names()) {
@@ -363,7 +364,8 @@ py::list label_names(const OpenStore& handle) {
     return rows;
 }
 
-/// The only label of this name. Throws Error{not_found, invalid_argument}.
+/// The label with this name. Throws Error{not_found}, and Error{invalid_argument} if several labels
+/// have it.
 std::int64_t label_named(const OpenStore& handle, const std::string& name) {
     const std::shared_ptr<const Store> store = handle.get();
     const std::vector<std::int64_t> ids = store->labels_named(name);
@@ -381,12 +383,12 @@ py::array copied(const std::vector<T>& numbers) {
     return as_array(std::vector<T>(numbers));
 }
 
-/// REQUIRES: the bins are of labels.
+/// REQUIRES: the histogram is of labels.
 std::int64_t label_at(const detail::Histogram& h, double value) {
     return *h.first_label + static_cast<std::int64_t>(std::round(value));
 }
 
-/// Where the bins begin; of labels int64.
+/// The lower ends of the bins; int64 for labels.
 py::array lows(const detail::Histogram& h) {
     if (!h.first_label) {
         return copied(h.bins.low);

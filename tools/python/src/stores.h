@@ -1,4 +1,4 @@
-// A finished store: what it holds, its values, their histogram.
+// Stores in Python: metadata, values, histogram, and checks.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -10,19 +10,17 @@
 
 namespace isonest::python {
 
-// What a store holds, and whether it is whole.
-
 namespace py = pybind11;
 
 /// Adds check(), stored_arrays(), analyses() and what they return. REQUIRES: add_stores() and
 /// add_sources() were called.
 void add_checks(py::module_& module);
 
-/// A store that Python may close while another thread still queries it: the query keeps it open.
+/// A store that Python may close while another thread queries it; the query keeps it open.
 class OpenStore {
   public:
     explicit OpenStore(std::shared_ptr<const Store> store) : store_(std::move(store)) {}
-    /// Throws py::value_error if it is closed.
+    /// Throws py::value_error if the store is closed.
     [[nodiscard]] std::shared_ptr<const Store> get() const;
     void close() { store_.reset(); }
     [[nodiscard]] bool closed() const { return store_ == nullptr; }
