@@ -135,7 +135,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--license", kWritten, "TEXT", "likewise"},
     {"", "--force", kWritten, "", "replace what is there"},
     {"publish", "--force", kWritten, "", "replace a folder that isonest publish made"},
-    {"", "--resume", kWritten, "", "continue a killed run; if interrupted, keep what is done"},
+    {"", "--resume", kWritten, "", "continue a killed run, or keep an interrupted one"},
     {"", "--scratch", kLimits, "FOLDER", "temporary files of a rank [the store's folder]"},
 
     // Pictures.
