@@ -50,7 +50,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--plane", kWhat, "NX,NY,NZ,D", "the plane x NX + y NY + z NZ = D"},
     {"", "--contours", kWhat, "V,V,...", "lines at these values; in a mesh, the lines alone"},
     {"", "--histogram", kWhat, "", "how often values occur, and suggested isovalues"},
-    {"info", "--level", kWhat, "L", "level of the values [the finest with at most {} M nodes]"},
+    {"info", "--level", kWhat, "L", "level of the values [finest up to {} M nodes]"},
     {"export", "--field", kWhat, "NAME", "values, or an indicator, as deviation_bar [values]"},
     {"export", "--level", kWhat, "L", "every 2^L-th value; indicators of level L and up [0]"},
     {"", "--indicators", kWhat, "NAMES", "as above [{}]"},
@@ -87,7 +87,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--threshold", kHowClose, "T", "... below this threshold, in the field's units [0]"},
     {"", "--threshold-relative", kHowClose, "T", "... below this fraction of its largest value"},
     {"", "--focus", kHowClose, "X,Y,Z[,X1,Y1,Z1]", "the error holds at this point, or in this box"},
-    {"", "--falloff", kHowClose, "F", "at distance d the error may be 1 + F d times as large"},
+    {"", "--falloff", kHowClose, "F", "the error at distance d is multiplied by 1 + F d"},
     {"", "--camera", kHowClose, "X,Y,Z", "stop where a viewer at this place sees no difference"},
     {"", "--pixels", kHowClose, "N", "with --camera: the smallest visible size, pixels [1]"},
     {"", "--fov", kHowClose, "DEG", "with --camera: vertical field of view, degrees [40]"},
@@ -106,7 +106,7 @@ constexpr OptionRow kOptions[] = {
 
     // Output.
     {"extract", "--output", kWritten, "MESH", ".ply .stl .obj .vtp .vtkhdf .glb .3mf"},
-    {"slice", "--output", kWritten, "OUT", ".png; a mesh with values: .ply .vtp .vtkhdf .glb"},
+    {"slice", "--output", kWritten, "OUT", ".png; mesh: .ply .vtp .vtkhdf .glb"},
     {"preprocess", "--output", kWritten, "STORE", "the store, as scan.isonest"},
     {"export make-volume", "--output", kWritten, "FILE", ".h5 .nrrd .nii .vti .npy .mha .raw"},
     {"picture", "--output", kWritten, "OUT.png", "the picture; --turntable: OUT_000.png ..."},
