@@ -180,7 +180,7 @@ const Signature* with_ending(const VolumeInput& input) {
          {std::pair{"\x1F\x9D"sv, ".z"sv}, std::pair{"\xFF\x0A"sv, ".jxl"sv}}) {
         if (ending == of && input.head.starts_with(bytes)) {
             return &*std::find_if(kSignatures.begin(), kSignatures.end(),
-                                  [&](const Signature& s) { return s.bytes == bytes; });
+                                  [start = bytes](const Signature& s) { return s.bytes == start; });
         }
     }
     return nullptr;
