@@ -222,9 +222,9 @@ bool PlacedCollapse::add(std::uint32_t triangle, const StarCollapse& half) {
     }
     placed.normal = StarCollapse::normal(placed.at[0], placed.at[1], placed.at[2]);
     const StarCollapse::Normal& old = half.normal_of(triangle);
-    constexpr StarCollapse::Normal kNone{};
-    if (placed.normal == kNone || has_no_area(at[0], at[1], at[2]) ||
-        (old != kNone && StarCollapse::cosine(old, placed.normal) < StarCollapse::kMinCosine)) {
+    constexpr StarCollapse::Normal kNoNormal{};
+    if (placed.normal == kNoNormal || has_no_area(at[0], at[1], at[2]) ||
+        (old != kNoNormal && StarCollapse::cosine(old, placed.normal) < StarCollapse::kMinCosine)) {
         return false;
     }
     after_.push_back(placed);
