@@ -185,6 +185,23 @@ class ReadBytes {
     std::exception_ptr failure_;
 };
 
+/// What isonest's drivers have in common: the name, the size of addresses, and how file space is
+/// divided. `value`: one of those free for private drivers (HDF5 1.13 and newer).
+H5FD_class_t private_driver_class(const char* name, [[maybe_unused]] int value) {
+    constexpr haddr_t kMaxAddress = (haddr_t{1} << 63U) - 1;
+    H5FD_class_t c{};
+#if H5_VERSION_GE(1, 13, 0)
+    c.version = H5FD_CLASS_VERSION;
+    c.value = static_cast<H5FD_class_value_t>(value);
+#endif
+    c.name = name;
+    c.maxaddr = kMaxAddress;
+    c.fc_degree = H5F_CLOSE_WEAK;
+    constexpr H5FD_mem_t kMap[] = H5FD_FLMAP_DICHOTOMY;
+    std::copy(std::begin(kMap), std::end(kMap), std::begin(c.fl_map));
+    return c;
+}
+
 /// Passed to the driver when it opens a file. HDF5 copies it.
 struct BytesToOpen {
     const std::shared_ptr<ReadBytes>* bytes = nullptr;
@@ -280,15 +297,7 @@ herr_t refuse_to_write(H5FD_t* /*file*/, H5FD_mem_t /*kind*/, hid_t /*transfer*/
 }
 
 H5FD_class_t bytes_driver_class() {
-    constexpr haddr_t kMaxAddress = (haddr_t{1} << 63U) - 1;
-    H5FD_class_t c{};
-#if H5_VERSION_GE(1, 13, 0)
-    c.version = H5FD_CLASS_VERSION;
-    c.value = static_cast<H5FD_class_value_t>(601);  // one of the values free for private drivers
-#endif
-    c.name = "isonest_bytes";
-    c.maxaddr = kMaxAddress;
-    c.fc_degree = H5F_CLOSE_WEAK;
+    H5FD_class_t c = private_driver_class("isonest_bytes", 601);
     c.fapl_size = sizeof(BytesToOpen);
     c.open = open_bytes;
     c.close = close_bytes;
@@ -300,8 +309,6 @@ H5FD_class_t bytes_driver_class() {
     c.get_handle = hand_out;
     c.read = read_bytes;
     c.write = refuse_to_write;
-    constexpr H5FD_mem_t kMap[] = H5FD_FLMAP_DICHOTOMY;
-    std::copy(std::begin(kMap), std::end(kMap), std::begin(c.fl_map));
     return c;
 }
 
@@ -521,15 +528,7 @@ herr_t truncate_planned(H5FD_t* file, hid_t /*transfer*/, hbool_t /*closing*/) {
 }
 
 H5FD_class_t driver_class() {
-    constexpr haddr_t kMaxAddress = (haddr_t{1} << 63U) - 1;
-    H5FD_class_t c{};
-#if H5_VERSION_GE(1, 13, 0)
-    c.version = H5FD_CLASS_VERSION;
-    c.value = static_cast<H5FD_class_value_t>(600);  // one of the values free for private drivers
-#endif
-    c.name = "isonest_planned";
-    c.maxaddr = kMaxAddress;
-    c.fc_degree = H5F_CLOSE_WEAK;
+    H5FD_class_t c = private_driver_class("isonest_planned", 600);
     c.fapl_size = sizeof(WritesToPlan);
     c.open = open_planned;
     c.close = close_planned;
@@ -541,8 +540,6 @@ H5FD_class_t driver_class() {
     c.read = read_planned;
     c.write = write_planned;
     c.truncate = truncate_planned;
-    constexpr H5FD_mem_t kMap[] = H5FD_FLMAP_DICHOTOMY;
-    std::copy(std::begin(kMap), std::end(kMap), std::begin(c.fl_map));
     return c;
 }
 

@@ -283,6 +283,24 @@ Scaling as_stored(ValueType stored, const Scaling& scaling) {
     return rounded;
 }
 
+/// Rows of a volume: planes z0 to z0 + nz, and of each the rows y0 to y0 + ny.
+struct Rows {
+    std::int64_t z0;
+    std::int64_t nz;
+    std::int64_t y0;
+    std::int64_t ny;
+};
+
+/// Reads stored numbers into the end of `dst`, which has room for as many of type `made`. They can
+/// be converted in place from the start of `dst`. Returns where they begin.
+const std::byte* read_at_end(VolumeSource& source, const VolumeDescription& given, ValueType made,
+                             const Rows& rows, std::byte* dst) {
+    const auto count = static_cast<std::size_t>(rows.nz * rows.ny * given.nodes.x);
+    std::byte* const from = dst + count * (size_of(made) - size_of(given.type));
+    source.read(rows.z0, rows.nz, rows.y0, rows.ny, from);
+    return from;
+}
+
 class ScaledSource : public WrappedSource {
   public:
     ScaledSource(std::unique_ptr<VolumeSource> inner, Scaling scaling)
@@ -306,12 +324,11 @@ class ScaledSource : public WrappedSource {
         notes.push_back(text_of(scaling_));
         return notes;
     }
-    /// Reads the stored numbers into the end of `dst` and scales them in place from its start.
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         const auto count = static_cast<std::size_t>(nz * ny * given_.nodes.x);
-        std::byte* const from = dst + count * (size_of(made_) - size_of(given_.type));
-        inner_source().read(z0, nz, y0, ny, from);
+        const std::byte* const from =
+            read_at_end(inner_source(), given_, made_, {z0, nz, y0, ny}, dst);
         dispatch(given_.type, [&](auto stored) {
             dispatch(made_, [&](auto made) {
                 using From = typename decltype(stored)::type;
@@ -461,12 +478,10 @@ class SliceScaledSource : public WrappedSource {
     [[nodiscard]] std::uint64_t heap() const override {
         return inner_source().heap() + scaling_.lines.size() * sizeof(SliceScaling::Line);
     }
-    /// Reads the stored numbers into the end of `dst` and scales them in place from its start.
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
-        const auto count = static_cast<std::size_t>(nz * ny * given_.nodes.x);
-        std::byte* const from = dst + count * (size_of(made_) - size_of(given_.type));
-        inner_source().read(z0, nz, y0, ny, from);
+        const std::byte* const from =
+            read_at_end(inner_source(), given_, made_, {z0, nz, y0, ny}, dst);
         dispatch(given_.type, [&](auto stored) {
             dispatch(made_, [&](auto made) {
                 using From = typename decltype(stored)::type;

@@ -28,6 +28,20 @@ bool is_there(const fs::path& file) {
     return fs::exists(fs::symlink_status(file, error));
 }
 
+/// The index of `size` bytes at the end or the beginning of a shard of `file_size` bytes.
+/// Throws Error{corrupt} if the shard is shorter.
+ZarrIndexBytes index_of(ZarrFiles& files, const fs::path& file, std::uint64_t file_size,
+                        std::uint64_t size, bool at_end, const ZarrChunkPlace& place) {
+    if (file_size < size) {
+        throw Error(ErrorKind::corrupt, {place.name, place.where},
+                    "a shard shorter than its index");
+    }
+    ZarrIndexBytes index;
+    index.file_size = file_size;
+    index.bytes = files.range(file, {at_end ? file_size - size : 0, size}, place);
+    return index;
+}
+
 class LocalZarrFiles : public ZarrFiles {
   public:
     explicit LocalZarrFiles(Path root) : root_(std::move(root)) {}
@@ -82,13 +96,7 @@ class LocalZarrFiles : public ZarrFiles {
             return std::nullopt;
         }
         const std::string where = file.filename().string();
-        ZarrIndexBytes index;
-        index.file_size = regular_file_size(file);
-        if (index.file_size < size) {
-            throw Error(ErrorKind::corrupt, {name, where}, "a shard shorter than its index");
-        }
-        index.bytes = range(file, {at_end ? index.file_size - size : 0, size}, {name, where});
-        return index;
+        return index_of(*this, file, regular_file_size(file), size, at_end, {name, where});
     }
     std::optional<ZarrIndexBytes> index_at_hand(const Path& /*file*/, std::uint64_t /*size*/,
                                                 bool /*at_end*/) override {
@@ -217,13 +225,7 @@ class ZipZarrFiles : public ZarrFiles {
                         "a shard that is compressed in the archive; unpack the archive, or store "
                         "it without compression (zip -0)");
         }
-        ZarrIndexBytes index;
-        index.file_size = member->bytes;
-        if (index.file_size < size) {
-            throw Error(ErrorKind::corrupt, {name, where}, "a shard shorter than its index");
-        }
-        index.bytes = range(file, {at_end ? index.file_size - size : 0, size}, {name, where});
-        return index;
+        return index_of(*this, file, member->bytes, size, at_end, {name, where});
     }
     std::optional<ZarrIndexBytes> index_at_hand(const Path& /*file*/, std::uint64_t /*size*/,
                                                 bool /*at_end*/) override {

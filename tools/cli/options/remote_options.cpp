@@ -192,10 +192,10 @@ Store open_required_store(const std::string& location, RemoteArguments& a, std::
 
 void reach_volume(const std::vector<std::string>& input, RemoteArguments& a, std::uint64_t& memory,
                   SourceOptions& options, Progress& progress, const std::string& first) {
-    const auto far = std::find_if(input.begin(), input.end(),
+    const auto remote = std::find_if(input.begin(), input.end(),
                                   [](const std::string& name) { return is_url(name); });
-    if (far != input.end()) {
-        options.remote = access_to(*far, a, memory, progress, first);
+    if (remote != input.end()) {
+        options.remote = access_to(*remote, a, memory, progress, first);
     }
 }
 
