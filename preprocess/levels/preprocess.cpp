@@ -204,7 +204,7 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
             remedies.push_back({RemedyKind::resume});
             throw Error(error.kind(), error.place(),
                         (cancelled ? "interrupted" : error.problem()) +
-                            "; what is done is kept beside the store",
+                            "; the finished part is kept beside the store",
                         std::move(remedies));
         }
         throw;

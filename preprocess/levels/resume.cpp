@@ -112,10 +112,10 @@ void compare_plane(VolumeSource& source, ChunkCache& cache, std::int64_t z) {
         // Bitwise, so that NaN equals itself.
         // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
         if (std::memcmp(ours.data(), theirs.data.data(), ours.size() * sizeof(T)) != 0) {
-            throw Error(ErrorKind::invalid_argument,
-                        {source.describe().name, fmt::format("plane {}", z)},
-                        "the interrupted run read other values: the input has changed",
-                        {{RemedyKind::no_resume}});
+            throw Error(
+                ErrorKind::invalid_argument, {source.describe().name, fmt::format("plane {}", z)},
+                "the values differ from those of the interrupted run: the input has changed",
+                {{RemedyKind::no_resume}});
         }
     }
 }
@@ -193,7 +193,7 @@ std::string difference(const std::string& theirs, const std::string& ours) {
         std::getline(a, x);
         std::getline(b, y);
     } while (x == y && (a || b));
-    return fmt::format("it had '{}', this one has '{}'", x, y);
+    return fmt::format("it had '{}', this run has '{}'", x, y);
 }
 
 bool next_record(std::istream& in, JournalRecord& record) {
@@ -264,13 +264,12 @@ std::optional<InterruptedRun> InterruptedRun::find(const std::filesystem::path& 
             if (!std::filesystem::exists(names.string() + process, ignored)) {
                 continue;  // killed after its store got its final name: nothing to continue
             }
-            other.emplace(
-                ErrorKind::invalid_argument, ErrorPlace{entry.path().string()},
-                fmt::format("the interrupted run was of another input or had other options: {}",
-                            difference(*theirs, identity)),
-                std::vector<Remedy>{{RemedyKind::same_options},
-                                    {RemedyKind::remove_leftover},
-                                    {RemedyKind::no_resume}});
+            other.emplace(ErrorKind::invalid_argument, ErrorPlace{entry.path().string()},
+                          fmt::format("the interrupted run had another input or other options: {}",
+                                      difference(*theirs, identity)),
+                          std::vector<Remedy>{{RemedyKind::same_options},
+                                              {RemedyKind::remove_leftover},
+                                              {RemedyKind::no_resume}});
             continue;
         }
         InterruptedRun run(std::move(*lock));

@@ -58,11 +58,15 @@ std::string identity_of(const StoreHeader& h, const VolumeSource& source, bool r
     constexpr std::size_t kLongest = 32768;
     std::string input = source.identity();
     if (input.size() > kLongest || (input.empty() && resume)) {
-        throw Error(ErrorKind::invalid_argument, {source.describe().name},
-                    input.empty() ? "its identity() is empty, so that nobody knows what an "
-                                    "interrupted run has read"
-                                  : fmt::format("its identity() is longer than {} bytes", kLongest),
-                    {{RemedyKind::no_resume}});
+        throw Error(
+            ErrorKind::invalid_argument, {source.describe().name},
+            input.empty()
+                ? "identity() of the source is empty, so a resumed run cannot check that the input "
+                  "is the same"
+                : fmt::format(
+                      "identity() of the source is longer than {} bytes, which is the limit",
+                      kLongest),
+            {{RemedyKind::no_resume}});
     }
     if (!input.empty() && input.back() != '\n') {
         input += '\n';

@@ -90,7 +90,7 @@ std::filesystem::path chunks_name(const std::filesystem::path& journal) {
 }
 
 Error changed(const std::filesystem::path& journal) {
-    return {ErrorKind::io, {journal.string()}, "changed while it was read"};
+    return {ErrorKind::io, {journal.string()}, "the file changed while it was being read"};
 }
 
 }  // namespace
@@ -209,10 +209,10 @@ void EarlierBlocks::read_journal(const std::filesystem::path& name, const std::s
     if (journal.chunks < 0) {
         ::close(journal.blocks);
         if (is_journal && !is_same) {
-            throw Error(ErrorKind::invalid_argument, {name.string()},
-                        "was left by an interrupted run for this store, of another input or with "
-                        "other options",
-                        {{RemedyKind::same_options}, {RemedyKind::remove_leftover}});
+            throw Error(
+                ErrorKind::invalid_argument, {name.string()},
+                "left by an interrupted run for this store that had another input or other options",
+                {{RemedyKind::same_options}, {RemedyKind::remove_leftover}});
         }
         return;
     }

@@ -135,7 +135,8 @@ void unpack_runs(std::span<const std::byte> message, const Element& element, con
     std::vector<std::byte> plain;
     if (head.is_compressed != 0) {
         plain.resize(head.bytes);
-        decode_chunk(body, message_codec(element(head.array)), plain, {"", "a message"});
+        decode_chunk(body, message_codec(element(head.array)), plain,
+                     {"", "a message from another rank"});
         body = plain;
     }
     std::span<const std::byte> from = body.subspan(head.pieces * sizeof(PieceHeader));
@@ -146,7 +147,7 @@ void unpack_runs(std::span<const std::byte> message, const Element& element, con
         from = from.subspan(piece.bytes);
     }
     if (!from.empty()) {
-        throw std::logic_error("a message with more than its pieces");
+        throw std::logic_error("a message has bytes after its last piece");
     }
 }
 

@@ -144,7 +144,7 @@ void PartialLevels::put(const EncodedChunk& chunk) const {
 ChunkNodes PartialLevels::chunk(const ArrayInfo& array, const Int3& chunk) {
     const PartialArray* const from = find(array);
     if (from == nullptr) {
-        throw std::logic_error("a level that no rank keeps");
+        throw std::logic_error("no rank keeps this level");
     }
     return from->chunk(chunk);
 }

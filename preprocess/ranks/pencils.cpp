@@ -321,9 +321,10 @@ void copy_chunks(ChunkRun from, const SharedFile& to, std::uint64_t offset, std:
             buffer.resize(kBytesAtOnce);
             const auto piece = std::span(buffer).first(static_cast<std::size_t>(most));
             if (!pread_whole(from.descriptor, from.offset, piece)) {
-                throw Error(ErrorKind::io, {store.string()},
-                            fmt::format("cannot read chunks of it back: {}",
-                                        errno == 0 ? "the file was cut" : std::strerror(errno)));
+                throw Error(
+                    ErrorKind::io, {store.string()},
+                    fmt::format("cannot read back its chunks: {}",
+                                errno == 0 ? "the file was truncated" : std::strerror(errno)));
             }
             to.write_at(offset, piece);
             n = most;

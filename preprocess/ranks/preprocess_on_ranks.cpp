@@ -70,12 +70,11 @@ void require_same_work(Communicator& ranks, const VolumeSource& source,
     const std::string other_choices = who_differs(ranks, chosen, chosen);
     if (!other_inputs.empty()) {
         throw Error(ErrorKind::invalid_argument, {source.describe().name},
-                    "ranks see different inputs: not what rank 0 sees, see ranks " + other_inputs);
+                    "the ranks read different inputs; these differ from rank 0: " + other_inputs);
     }
     if (!other_choices.empty()) {
-        throw Error(
-            ErrorKind::invalid_argument, {source.describe().name},
-            "ranks have different options: not those of rank 0, have ranks " + other_choices);
+        throw Error(ErrorKind::invalid_argument, {source.describe().name},
+                    "the ranks have different options; these differ from rank 0: " + other_choices);
     }
     ranks.meet();
 }
@@ -89,8 +88,8 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
 void require_possible(const Communicator& ranks, const VolumeSource& source) {
     if (ranks.size() > 1 && source.sequential()) {
         throw Error(ErrorKind::unsupported, {source.describe().name},
-                    "it can only be read from its beginning to its end, as one compressed stream, "
-                    "and so not by several ranks at once; decompress it first, or use one rank");
+                    "a compressed stream can only be read from beginning to end, so several ranks "
+                    "cannot share it; decompress it first, or use one rank");
     }
 }
 
@@ -223,7 +222,7 @@ RanksReport preprocess_on_ranks(Communicator& ranks, VolumeSource& source,
         remedies.push_back({RemedyKind::resume});
         throw Error(error.kind(), error.place(),
                     (error.kind() == ErrorKind::cancelled ? "interrupted" : error.problem()) +
-                        "; what is done is kept",
+                        "; the finished part is kept",
                     std::move(remedies));
     } catch (...) {
         keep();

@@ -56,7 +56,7 @@ void finish_chunks(const PassWork& work, int pass, const Int3& block,
                        return chunk.array == place.array && chunk.chunk == place.chunk;
                    });
     if (!same) {
-        throw std::logic_error("a block makes other chunks than all ranks expect");
+        throw std::logic_error("a block produced chunks that the ranks do not expect");
     }
     for (EncodedChunk& chunk : chunks) {
         chunk.row.bytes = static_cast<std::uint32_t>(chunk.bytes.size());

@@ -23,7 +23,7 @@ constexpr std::uint64_t kOffsetsOfMessage = Communicator::kMaxBytes / sizeof(std
 ChunkPlace next_of(OwnChunks& chunks) {
     ChunkPlace place;
     if (!chunks.next(place)) {
-        throw std::logic_error("a rank has fewer chunks than it tells of");
+        throw std::logic_error("a rank has fewer chunks than it announced");
     }
     return place;
 }

@@ -32,12 +32,12 @@ struct Signature {
 constexpr const char* kBioFormats =
     "convert it with Bio-Formats: bfconvert 'FILE' 'STEM.ome.tif' (or save it as TIFF in Fiji)";
 constexpr const char* kPictures =
-    "if it is a slice of a volume, make one file of the slices: convert '*.EXT' -colorspace Gray "
-    "'STEM.tif' (ImageMagick)";
+    "if it is a slice of a volume, combine the slices into one file: convert '*.EXT' -colorspace "
+    "Gray 'STEM.tif' (ImageMagick)";
 constexpr const char* kResample =
     "in ParaView apply 'Resample To Image' and save the result as .vti";
 constexpr const char* kMesh =
-    "a surface has no values to preprocess: name the volume that it was made from";
+    "a surface has no values to preprocess: give the volume from which it was made";
 
 constexpr std::array kSignatures{
     // Microscopes and other instruments.
@@ -51,23 +51,23 @@ constexpr std::array kSignatures{
               "convert it: e2proc3d.py 'FILE' 'STEM.mrc' (EMAN2)"},
     Signature{0, "raw_image_stack_by_hpeng", "a Vaa3D stack", kBioFormats},
     // Pictures.
-    Signature{0, "\xFF\xD8\xFF", "a JPEG picture", kPictures},
-    Signature{0, "\0\0\0\x0CjP  \r\n\x87\n"sv, "a JPEG 2000 picture", kPictures},
+    Signature{0, "\xFF\xD8\xFF", "a JPEG image", kPictures},
+    Signature{0, "\0\0\0\x0CjP  \r\n\x87\n"sv, "a JPEG 2000 image", kPictures},
     Signature{0, "\xFF\x4F\xFF\x51", "a JPEG 2000 codestream", kPictures},
-    Signature{0, "\xFF\x0A", "a JPEG XL picture", kPictures},
-    Signature{0, "\0\0\0\x0CJXL \r\n\x87\n"sv, "a JPEG XL picture", kPictures},
-    Signature{0, "GIF87a", "a GIF picture", kPictures},
-    Signature{0, "GIF89a", "a GIF picture", kPictures},
-    Signature{8, "WEBPVP8", "a WebP picture", kPictures},
-    Signature{0, "\x76\x2F\x31\x01", "an OpenEXR picture", kPictures},
-    Signature{0, "8BPS\0\1"sv, "a Photoshop picture", kPictures},
-    Signature{0, "%PDF-", "a PDF document", "name the volume that it shows"},
+    Signature{0, "\xFF\x0A", "a JPEG XL image", kPictures},
+    Signature{0, "\0\0\0\x0CJXL \r\n\x87\n"sv, "a JPEG XL image", kPictures},
+    Signature{0, "GIF87a", "a GIF image", kPictures},
+    Signature{0, "GIF89a", "a GIF image", kPictures},
+    Signature{8, "WEBPVP8", "a WebP image", kPictures},
+    Signature{0, "\x76\x2F\x31\x01", "an OpenEXR image", kPictures},
+    Signature{0, "8BPS\0\1"sv, "a Photoshop image", kPictures},
+    Signature{0, "%PDF-", "a PDF document", "give the volume that it shows"},
     // Medicine.
     Signature{0, "mrtrix image\n", "an MRtrix image", "convert it: mrconvert 'FILE' 'STEM.nii.gz'"},
     Signature{0, "MATRIX7", "an ECAT file", "convert it: medcon -f 'FILE' -c nifti"},
     Signature{0, "# === DATA DESCRIPTION FILE ===", "a Philips PAR header",
               "convert it with its .REC file: parrec2nii 'FILE' (nibabel)"},
-    Signature{0, "\xFF\xFF\xFE", "a FreeSurfer surface, a mesh", kMesh},
+    Signature{0, "\xFF\xFF\xFE", "a FreeSurfer surface mesh", kMesh},
     // Simulations, astronomy, weather.
     Signature{0, "SIMPLE  =", "a FITS file",
               "convert it: python3 -c \"import numpy; from astropy.io import fits; "
@@ -76,7 +76,7 @@ constexpr std::array kSignatures{
     Signature{0, "\x0E\x03\x13\x01", "an HDF4 file", "convert it: h4toh5 'FILE' 'STEM.h5'"},
     Signature{0, "root\0"sv, "a ROOT file",
               "read its histogram with uproot in Python and save it with numpy.save()"},
-    Signature{0, "MATLAB 5.0 MAT-file", "a MATLAB file of a version before 7.3",
+    Signature{0, "MATLAB 5.0 MAT-file", "a MATLAB file older than version 7.3",
               "in MATLAB save it with '-v7.3', or convert it: python3 -c \"import numpy, scipy.io; "
               "numpy.save('STEM.npy', scipy.io.loadmat('FILE')['NAME'])\""},
     Signature{0, "#!TDV", "a Tecplot file", kResample},
@@ -90,7 +90,7 @@ constexpr std::array kSignatures{
     Signature{0, "DDS v3e\n", "a packed PVM volume", "convert it: pvm2raw 'FILE' 'STEM.raw'"},
     Signature{0, "# AmiraMesh", "an Amira file", "save it as NRRD or TIFF in Amira, Avizo or Fiji"},
     Signature{0, "# Avizo", "an Avizo file", "save it as NRRD or TIFF in Amira, Avizo or Fiji"},
-    Signature{0, "# HyperSurface", "an Amira surface, a mesh", kMesh},
+    Signature{0, "# HyperSurface", "an Amira surface mesh", kMesh},
     // Meshes.
     Signature{0, "ply\n", "a PLY mesh", kMesh},
     Signature{0, "ply\r\n", "a PLY mesh", kMesh},
@@ -98,20 +98,20 @@ constexpr std::array kSignatures{
     Signature{0, "glTF", "a glTF mesh", kMesh},
     // Archives and compressed files.
     Signature{0, "PK\3\4", "a ZIP archive without a NumPy or Zarr array",
-              "unpack it (unzip 'FILE') and name what it holds"},
-    Signature{0, "PK\5\6", "an empty ZIP archive", "name another file"},
+              "unpack it (unzip 'FILE') and give the volume in it"},
+    Signature{0, "PK\5\6", "an empty ZIP archive", "give another file"},
     Signature{0, "7z\xBC\xAF\x27\x1C", "a 7z archive",
-              "unpack it (7z x 'FILE') and name what it holds"},
+              "unpack it (7z x 'FILE') and give the volume in it"},
     Signature{0, "Rar!\x1A\x07", "a RAR archive",
-              "unpack it (unrar x 'FILE') and name what it holds"},
-    Signature{257, "ustar", "a tar archive", "unpack it (tar xf 'FILE') and name what it holds"},
-    Signature{0, "BZh", "a file in bzip2", "unpack it first: bunzip2 -k 'FILE'"},
-    Signature{0, "\xFD\x37zXZ\0"sv, "a file in xz", "unpack it first: unxz -k 'FILE'"},
-    Signature{0, "\x28\xB5\x2F\xFD", "a file in zstd", "unpack it first: unzstd 'FILE'"},
-    Signature{0, "\x04\x22\x4D\x18", "a file in LZ4", "unpack it first: unlz4 'FILE'"},
-    Signature{0, "\x1F\x9D", "a file in compress", "unpack it first: uncompress -k 'FILE'"},
-    Signature{0, "version https://git-lfs.github.com/spec/", "a pointer of Git LFS, not the file",
-              "get the file that it stands for: git lfs pull"},
+              "unpack it (unrar x 'FILE') and give the volume in it"},
+    Signature{257, "ustar", "a tar archive", "unpack it (tar xf 'FILE') and give the volume in it"},
+    Signature{0, "BZh", "a bzip2 file", "unpack it first: bunzip2 -k 'FILE'"},
+    Signature{0, "\xFD\x37zXZ\0"sv, "an xz file", "unpack it first: unxz -k 'FILE'"},
+    Signature{0, "\x28\xB5\x2F\xFD", "a zstd file", "unpack it first: unzstd 'FILE'"},
+    Signature{0, "\x04\x22\x4D\x18", "an LZ4 file", "unpack it first: unlz4 'FILE'"},
+    Signature{0, "\x1F\x9D", "a compress (.Z) file", "unpack it first: uncompress -k 'FILE'"},
+    Signature{0, "version https://git-lfs.github.com/spec/",
+              "a Git LFS pointer, not the file itself", "fetch the file itself: git lfs pull"},
 };
 
 std::string replaced(std::string text, std::string_view what, const std::string& with) {
@@ -237,27 +237,26 @@ std::optional<KnownFormat> known_xml(const std::filesystem::path& path, std::str
     };
     if (text.find("<vtkfile") != std::string_view::npos) {
         constexpr const char* kPieces =
-            "open it in ParaView and save it as one .vti, or name one of the files that it lists";
+            "open it in ParaView and save it as one .vti, or give one of the files that it lists";
         constexpr std::array kKinds{
-            Kind{"\"rectilineargrid\"", "a rectilinear grid of VTK (.vtr)", kResample},
-            Kind{"\"structuredgrid\"", "a curvilinear grid of VTK (.vts)", kResample},
-            Kind{"\"unstructuredgrid\"", "an unstructured grid of VTK (.vtu)", kResample},
-            Kind{"\"hypertreegrid\"", "a hyper tree grid of VTK (.htg)", kResample},
-            Kind{"\"polydata\"", "a mesh of VTK (.vtp)", kMesh},
-            Kind{"\"pimagedata\"", "a list of the pieces of an image of VTK (.pvti)", kPieces},
-            Kind{"\"prectilineargrid\"", "a list of the pieces of a rectilinear grid (.pvtr)",
+            Kind{"\"rectilineargrid\"", "a VTK rectilinear grid (.vtr)", kResample},
+            Kind{"\"structuredgrid\"", "a VTK curvilinear grid (.vts)", kResample},
+            Kind{"\"unstructuredgrid\"", "a VTK unstructured grid (.vtu)", kResample},
+            Kind{"\"hypertreegrid\"", "a VTK hyper tree grid (.htg)", kResample},
+            Kind{"\"polydata\"", "a VTK mesh (.vtp)", kMesh},
+            Kind{"\"pimagedata\"", "a list of the pieces of a VTK image (.pvti)", kPieces},
+            Kind{"\"prectilineargrid\"", "a list of the pieces of a VTK rectilinear grid (.pvtr)",
                  kResample},
-            Kind{"\"pstructuredgrid\"", "a list of the pieces of a curvilinear grid (.pvts)",
+            Kind{"\"pstructuredgrid\"", "a list of the pieces of a VTK curvilinear grid (.pvts)",
                  kResample},
-            Kind{"\"punstructuredgrid\"", "a list of the pieces of an unstructured grid (.pvtu)",
+            Kind{"\"punstructuredgrid\"", "a list of the pieces of a VTK unstructured grid (.pvtu)",
                  kResample},
-            Kind{"\"ppolydata\"", "a list of the pieces of a mesh (.pvtp)", kMesh},
-            Kind{"\"vtkmultiblockdataset\"", "a list of several data sets of VTK (.vtm)", kPieces},
-            Kind{"\"vtkpartitioneddataset", "a list of several data sets of VTK (.vtpc)", kPieces},
-            Kind{"\"vtkoverlappingamr\"", "a grid of VTK that is refined adaptively (.vth)",
-                 kResample},
-            Kind{"\"collection\"", "a list of time steps of ParaView (.pvd)",
-                 "name the file of one step"}};
+            Kind{"\"ppolydata\"", "a list of the pieces of a VTK mesh (.pvtp)", kMesh},
+            Kind{"\"vtkmultiblockdataset\"", "a list of VTK data sets (.vtm)", kPieces},
+            Kind{"\"vtkpartitioneddataset", "a list of VTK data sets (.vtpc)", kPieces},
+            Kind{"\"vtkoverlappingamr\"", "a VTK grid with adaptive refinement (.vth)", kResample},
+            Kind{"\"collection\"", "a ParaView list of time steps (.pvd)",
+                 "give the file of one step"}};
         std::string quoted(text);
         std::replace(quoted.begin(), quoted.end(), '\'', '"');
         for (const Kind& kind : kKinds) {
@@ -269,16 +268,18 @@ std::optional<KnownFormat> known_xml(const std::filesystem::path& path, std::str
     }
     constexpr std::array kKinds{
         Kind{"<spimdata", "a BigDataViewer XML file",
-             "name the .h5 file beside it, and in it a dataset such as t00000/s00/0/cells"},
-        Kind{"<xdmf", "an XDMF file", "name the HDF5 file that it describes, and its dataset"},
+             "give the .h5 file beside it, and choose a dataset such as t00000/s00/0/cells"},
+        Kind{"<xdmf", "an XDMF file",
+             "give the HDF5 file that it describes, and choose its dataset"},
         Kind{"<gifti", "a GIFTI mesh", kMesh},
         Kind{"<x3d", "an X3D mesh", kMesh},
-        Kind{"<svg", "an SVG picture", "name the volume that it shows"},
-        Kind{"<!doctype html", "a web page, perhaps in place of a download",
-             "look at it in a browser and download the file itself"},
-        Kind{"<html", "a web page, perhaps in place of a download",
-             "look at it in a browser and download the file itself"},
-        Kind{"<error>", "an error message of a server", "read it (cat 'FILE') and download again"}};
+        Kind{"<svg", "an SVG image", "give the volume that it shows"},
+        Kind{"<!doctype html", "a web page, perhaps instead of the file",
+             "open it in a browser and download the file itself"},
+        Kind{"<html", "a web page, perhaps instead of the file",
+             "open it in a browser and download the file itself"},
+        Kind{"<error>", "an error message from a server",
+             "read it (cat 'FILE') and download again"}};
     for (const Kind& kind : kKinds) {
         if (text.find(kind.word) != std::string_view::npos) {
             return about(path, kind.what, kind.advice);
@@ -298,7 +299,7 @@ std::optional<KnownFormat> known_text(const VolumeInput& input) {
         return known_xml(path, text);
     }
     if (is_afni_header(text)) {
-        return about(path, "a header of AFNI", "convert it: 3dAFNItoNIFTI 'FILE'");
+        return about(path, "an AFNI header", "convert it: 3dAFNItoNIFTI 'FILE'");
     }
     if (text.starts_with("!interfile")) {
         return about(path, "an Interfile header", "convert it: medcon -f 'FILE' -c nifti");
@@ -310,13 +311,13 @@ std::optional<KnownFormat> known_text(const VolumeInput& input) {
     }
     if (has("data_file:") && has("data_size:")) {
         return about(path, "a BOV header",
-                     "the data file that it names holds raw numbers: name that, with the sizes of "
-                     "DATA_SIZE and the type of DATA_FORMAT");
+                     "its data file holds raw numbers: give that file, with the sizes of DATA_SIZE "
+                     "and the type of DATA_FORMAT");
     }
     if (text.starts_with("{volume") || (text.starts_with("[volume") && has("file"))) {
         return about(path, "a VGStudio header (.vgi)",
-                     "the .vol beside it holds raw numbers: name that, with the size and the type "
-                     "that the header says");
+                     "the .vol beside it holds raw numbers: give that file, with the size and the "
+                     "type in the header");
     }
     if (has("ics_version") && text.find("ics_version") < 20) {
         return about(path, "an ICS file", kBioFormats);
@@ -459,8 +460,8 @@ std::optional<KnownFormat> known_numbers(const VolumeInput& input) {
     const std::string_view head = input.unpacked;
     const std::filesystem::path& path = input.path();
     constexpr const char* kAnalyze =
-        "it does not say which side is left; convert it: fslchfiletype NIFTI_GZ 'FILE' 'STEM' "
-        "(FSL)";
+        "the format does not say which side is left; convert it: fslchfiletype NIFTI_GZ 'FILE' "
+        "'STEM' (FSL)";
     if (is_analyze(head)) {
         return about(path, "an Analyze 7.5 header", kAnalyze);
     }
@@ -519,12 +520,12 @@ std::optional<KnownFormat> known_beside(const VolumeInput& input) {
     };
     if (path.extension() == ".BRIK" && is_afni_header(text_of(head_with(".HEAD")))) {
         path.replace_extension(".HEAD");
-        return about(path, "a dataset of AFNI", "convert it: 3dAFNItoNIFTI 'FILE'");
+        return about(path, "an AFNI dataset", "convert it: 3dAFNItoNIFTI 'FILE'");
     }
     if (path.extension() == ".img" && is_analyze(head_with(".hdr"))) {
         return about(path, "an Analyze 7.5 image",
-                     "it does not say which side is left; convert it: fslchfiletype NIFTI_GZ "
-                     "'FILE' 'STEM' (FSL)");
+                     "the format does not say which side is left; convert it: fslchfiletype "
+                     "NIFTI_GZ 'FILE' 'STEM' (FSL)");
     }
     return std::nullopt;
 }
@@ -571,7 +572,7 @@ std::optional<KnownFormat> known_folder(const std::filesystem::path& folder) {
     if (has("info")) {
         const nlohmann::json info = json("info");
         if (info.is_object() && info.contains("scales") && info.contains("data_type")) {
-            return about(named, "a precomputed volume of Neuroglancer",
+            return about(named, "a Neuroglancer precomputed volume",
                          "convert it: python3 -c \"import cloudvolume, numpy; numpy.save('STEM.npy'"
                          ", cloudvolume.CloudVolume('file://FILE')[..., 0].T)\"");
         }
@@ -582,12 +583,12 @@ std::optional<KnownFormat> known_folder(const std::filesystem::path& folder) {
                      "zarr.open(zarr.N5Store('FILE'), mode='r')['DATASET'][:])\"");
     }
     if (has("2dseq") && has("visu_pars")) {
-        return about(named, "a reconstruction of Bruker ParaVision",
-                     "convert the folder of the study: brkraw tonii FOLDER");
+        return about(named, "a Bruker ParaVision reconstruction",
+                     "convert the study folder: brkraw tonii FOLDER");
     }
     if (has("acqp") && has("method")) {
-        return about(named, "a scan of Bruker ParaVision",
-                     "convert the folder of the study: brkraw tonii FOLDER");
+        return about(named, "a Bruker ParaVision scan",
+                     "convert the study folder: brkraw tonii FOLDER");
     }
     if (has("md.idx") && has("data.0")) {
         return about(named, "an ADIOS2 BP folder",

@@ -32,10 +32,11 @@ MemoryVolume::MemoryVolume(const void* data, ValueType type, const Int3& nodes, 
       strides_(layout.strides.value_or(dense_strides(nodes, type))),
       layout_(std::move(layout)) {
     if (data == nullptr || nodes.x < 1 || nodes.y < 1 || nodes.z < 1) {
-        throw Error(
-            ErrorKind::invalid_argument, {layout_.name},
-            fmt::format("{} x {} x {} nodes{}: a volume has at least one node per axis", nodes.x,
-                        nodes.y, nodes.z, data == nullptr ? " at no address" : ""));
+        throw Error(ErrorKind::invalid_argument, {layout_.name},
+                    fmt::format("{} x {} x {} nodes{}: a volume needs a data pointer and at least "
+                                "one node per axis",
+                                nodes.x, nodes.y, nodes.z,
+                                data == nullptr ? " and a null data pointer" : ""));
     }
 }
 

@@ -69,7 +69,7 @@ void* load_from_module(const LoadedModule& module, const char* function, const s
     }
     if (!is_installed) {
         throw Error(ErrorKind::unsupported, {input},
-                    fmt::format("the module that {} is not installed: it is in the package {}",
+                    fmt::format("the module that {} is not installed; install the package {}",
                                 module.does, module.package));
     }
     throw_if_no_room_to_load(input, fmt::format("the module that {}", module.does), problem);

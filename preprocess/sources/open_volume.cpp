@@ -92,9 +92,8 @@ class Elsewhere : public DescribedSource {
     }
     [[nodiscard]] std::string cache_warning() const override {
         if (is_folder_ && !objects_->remote().cache.empty()) {
-            return fmt::format(
-                "{}: nothing of a folder of objects is kept in the cache or taken from it",
-                objects_->remote().cache.string());
+            return fmt::format("{}: the cache is not used for a folder of objects",
+                               objects_->remote().cache.string());
         }
         const std::string warning = objects_->cache_warning();
         return warning.empty() ? inner_source().cache_warning() : warning;
@@ -120,7 +119,7 @@ void refuse_options(const VolumeInput& input, const VolumeFormat& format, const 
         if (refused) {
             throw Error(
                 ErrorKind::invalid_argument, {input.name()},
-                fmt::format("the option '{}' does not go with {}", option, format.about.name),
+                fmt::format("the option '{}' does not apply to {}", option, format.about.name),
                 {{RemedyKind::leave_out, option}});
         }
     }
@@ -152,9 +151,10 @@ VolumeInput look_at_url(const std::vector<std::filesystem::path>& paths,
                         const RemoteAccess& remote) {
     const std::string shown = shown_location(paths[0].native());
     if (paths.size() > 1) {
-        throw Error(ErrorKind::unsupported, {shown},
-                    "of what is elsewhere, one object or one Zarr folder is read, not several",
-                    {{RemedyKind::download}});
+        throw Error(
+            ErrorKind::unsupported, {shown},
+            "several inputs are given, but only one object or Zarr folder can be read from a URL",
+            {{RemedyKind::download}});
     }
     VolumeInput input{
         .paths = paths, .remote = true, .elsewhere = std::make_shared<RemoteObjects>(remote)};
@@ -178,7 +178,7 @@ VolumeInput look_at_url(const std::vector<std::filesystem::path>& paths,
 
 VolumeInput look_at(const std::vector<std::filesystem::path>& paths, const RemoteAccess& remote) {
     if (paths.empty()) {
-        throw Error(ErrorKind::invalid_argument, "no input is named");
+        throw Error(ErrorKind::invalid_argument, "no input given");
     }
     if (std::any_of(paths.begin(), paths.end(),
                     [](const std::filesystem::path& path) { return is_url(path.native()); })) {
@@ -198,13 +198,12 @@ VolumeInput look_at(const std::vector<std::filesystem::path>& paths, const Remot
 
 [[noreturn]] void refuse_remote(const VolumeInput& input, const std::string& name) {
     throw Error(ErrorKind::unsupported, {input.name()},
-                fmt::format("of what is elsewhere, {} is not read", name),
-                {{RemedyKind::download}});
+                fmt::format("{} cannot be read from a URL", name), {{RemedyKind::download}});
 }
 
 [[noreturn]] void refuse_known(const VolumeInput& input, const KnownFormat& known) {
     throw Error(ErrorKind::unsupported, {input.name()},
-                fmt::format("this is {}, which is not read: {}", known.what, known.advice));
+                fmt::format("this is {}, which is not supported: {}", known.what, known.advice));
 }
 
 /// Refuses a folder that no format recognises: names what it is, or what the first known file in it
@@ -231,13 +230,13 @@ VolumeInput look_at(const std::vector<std::filesystem::path>& paths, const Remot
         for (const VolumeFormat& format : volume_formats()) {
             if (!format.takes.numbers && format.recognises(file)) {
                 throw Error(ErrorKind::unsupported, {input.name()},
-                            fmt::format("a folder with '{}', which is {}: name that file",
+                            fmt::format("the folder holds '{}', which is {}: give that file",
                                         path.filename().string(), format.about.name));
             }
         }
         if (const auto known = known_format(file)) {
             throw Error(ErrorKind::unsupported, {input.name()},
-                        fmt::format("a folder with '{}', which is {} and not read: {}",
+                        fmt::format("the folder holds '{}', which is {} and not supported: {}",
                                     path.filename().string(), known->what, known->advice));
         }
     }
@@ -246,8 +245,9 @@ VolumeInput look_at(const std::vector<std::filesystem::path>& paths, const Remot
         names += fmt::format("\n  {} {}{}", format.about.name, format.about.extensions,
                              format.open == nullptr ? " (not in this build)" : "");
     }
-    throw Error(ErrorKind::unsupported, {input.path().string()},
-                fmt::format("there is no volume in this folder; what is read:{}", names));
+    throw Error(
+        ErrorKind::unsupported, {input.path().string()},
+        fmt::format("there is no volume in this folder; the supported formats are:{}", names));
 }
 
 const VolumeFormat& format_of(const VolumeInput& input) {
@@ -265,8 +265,8 @@ const VolumeFormat& format_of(const VolumeInput& input) {
     }
     if (input.remote) {
         throw Error(ErrorKind::not_found, {input.name()},
-                    "there is no Zarr array or image in this folder, and of folders elsewhere no "
-                    "others are read",
+                    "there is no Zarr array or image in this folder, and no other folder can be "
+                    "read from a URL",
                     {{RemedyKind::download}});
     }
     refuse_folder(input);
@@ -294,7 +294,7 @@ std::unique_ptr<VolumeSource> opened(const VolumeFormat& format, const VolumeInp
             throw;
         }
         throw Error(error.kind(), error.place(),
-                    fmt::format("{} ({} names this file)", error.problem(), input.name()),
+                    fmt::format("{} (the file is named in {})", error.problem(), input.name()),
                     error.remedies());
     }
 }
@@ -332,18 +332,18 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
     }
     if (format.open == nullptr) {
         throw Error(ErrorKind::unsupported, {input.name()},
-                    fmt::format("this is {}, which this build does not read", format.about.name),
+                    fmt::format("this is {}, which this build does not support", format.about.name),
                     {{RemedyKind::install_package, format.about.package}});
     }
     if (paths.size() > 1 && !format.several_files) {
         throw Error(ErrorKind::invalid_argument, {input.path().string()},
-                    fmt::format("one {} file is one volume, but {} were named", format.about.name,
-                                paths.size()));
+                    fmt::format("one {} file is one volume, but {} files are given",
+                                format.about.name, paths.size()));
     }
     refuse_options(input, format, options);
     if (!options.label_names.empty() && !options.labels) {
         throw Error(ErrorKind::invalid_argument, {options.label_names.string()},
-                    "a table of labels is for volumes that are opened as labels");
+                    "a table of label names needs a volume that is read as labels");
     }
     std::unique_ptr<VolumeSource> source = opened(format, input, options);
     if (!options.label_names.empty()) {
@@ -367,7 +367,7 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
             constexpr double kMax = 9007199254740992.0;  // 2^53
             if (!(missing >= 0 && missing <= kMax) || missing != std::floor(missing)) {
                 throw Error(ErrorKind::invalid_argument, {source->describe().name},
-                            fmt::format("{} is no label that can be missing: they are whole "
+                            fmt::format("the missing value {} is not a label: labels are whole "
                                         "numbers from 0 to 2^53",
                                         missing));
             }
@@ -427,7 +427,7 @@ void copy_all(int descriptor, ScratchFile& copy) {
         at += static_cast<std::uint64_t>(n);
     }
     if (at == 0) {
-        throw Error(ErrorKind::invalid_argument, {kName}, "there is nothing to read");
+        throw Error(ErrorKind::invalid_argument, {kName}, "the input is empty");
     }
 }
 
@@ -439,8 +439,8 @@ class ShortName {
         const std::string from = fmt::format("/proc/self/fd/{}", copy.descriptor());
         if (::linkat(AT_FDCWD, from.c_str(), AT_FDCWD, name_.c_str(), AT_SYMLINK_FOLLOW) != 0) {
             throw Error(ErrorKind::unsupported, {kName},
-                        fmt::format("HDF5 needs a file with a name, which its temporary copy in {} "
-                                    "cannot be given ({}): name the file instead",
+                        fmt::format("HDF5 needs a file with a name, but its temporary copy in {} "
+                                    "cannot get one ({}); give the file itself, not a pipe",
                                     folder.string(), std::strerror(errno)));
         }
     }

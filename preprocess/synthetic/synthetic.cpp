@@ -212,8 +212,9 @@ std::unique_ptr<SyntheticVolume> make_synthetic(const std::string& name, const I
     if (name == "sphere") {
         return std::make_unique<Sphere>(nodes);
     }
-    throw Error(ErrorKind::invalid_argument, fmt::format("there is no volume '{}'; there are: {}",
-                                                         name, fmt::join(synthetic_names(), ", ")));
+    throw Error(ErrorKind::invalid_argument,
+                fmt::format("there is no synthetic volume '{}'; choose one of: {}", name,
+                            fmt::join(synthetic_names(), ", ")));
 }
 
 // The equation: J. Cahn, J. Hilliard, "Free energy of a nonuniform system. I. Interfacial free
@@ -281,10 +282,11 @@ class CahnHilliard : public SyntheticVolume {
 
 std::unique_ptr<SyntheticVolume> make_cahn_hilliard(const Int3& nodes, std::uint64_t seed) {
     if (nodes.x > kMax || nodes.y > kMax) {
-        throw Error(ErrorKind::limit,
-                    fmt::format("cahn-hilliard: a plane of {} x {} nodes: at most "
-                                "{} x {} can be computed",
-                                nodes.x, nodes.y, kMax, kMax));
+        throw Error(
+            ErrorKind::limit,
+            fmt::format(
+                "cahn-hilliard: a plane has {} x {} nodes, but at most {} x {} can be computed",
+                nodes.x, nodes.y, kMax, kMax));
     }
     return std::make_unique<CahnHilliard>(nodes, seed);
 }

@@ -192,7 +192,7 @@ class Labels(unittest.TestCase):
                          [(i, int((data == i).sum())) for i in range(3)])
         self.assertTrue(json.loads(run("info", store, "--json").stdout)["has_missing"])
         for value in ("-1", "1.5"):
-            self.assertIn("no label", run("preprocess", self.here / "m.npy", "--labels", "--missing", value, "-o",
+            self.assertIn("not a label", run("preprocess", self.here / "m.npy", "--labels", "--missing", value, "-o",
                                           self.here / "x.isonest", code=2).stderr)
 
     def behind(self, path, said, end, shape):

@@ -340,8 +340,7 @@ TEST_CASE("ranks with different inputs, options or folders are refused before an
             folder / "s", with_chunk(8));
     });
     CHECK(input.kind() == ErrorKind::invalid_argument);
-    CHECK(input.problem() ==
-          "ranks see different inputs: not what rank 0 sees, see ranks 2 (thread)");
+    CHECK_THAT(input.problem(), Catch::Contains("input") && Catch::EndsWith(": 2 (thread)"));
     const Error options = error_of([&] {
         ThreadRanks(3).run([&](Communicator& ranks) {
             const auto volume = plain(0);
@@ -349,8 +348,7 @@ TEST_CASE("ranks with different inputs, options or folders are refused before an
                                 with_chunk(ranks.rank() == 1 ? 16 : 8), {}, silent_progress());
         });
     });
-    CHECK(options.problem() ==
-          "ranks have different options: not those of rank 0, have ranks 1 (thread)");
+    CHECK_THAT(options.problem(), Catch::Contains("options") && Catch::EndsWith(": 1 (thread)"));
     const TemporaryFolder other;
     const Error elsewhere = error_of([&] {
         ThreadRanks(3).run([&](Communicator& ranks) {

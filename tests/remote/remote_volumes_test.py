@@ -275,7 +275,7 @@ class Volumes(unittest.TestCase):
             # A run that is interrupted leaves files next to the store.
             end = server.bytes + 8_000_000
             server.fault_of = lambda *_: "status:404" if server.bytes > end else None
-            self.preprocess_fails(3, "what is done is kept", url, "--resume")
+            self.preprocess_fails(3, "part is kept", url, "--resume")
             left = [path for path in FOLDER.iterdir() if "out.isonest" in path.name]
             self.assertTrue(left)
             for path in left:
@@ -316,7 +316,7 @@ class Volumes(unittest.TestCase):
                          "./a.raw", "//host/a.raw"):
                 write("below/bad.nhdr", head, name, "\n")
                 before = server.requests
-                self.preprocess_fails(5, "beside it", server.url("below/bad.nhdr", f"me:{SECRET}@"))
+                self.preprocess_fails(5, "same folder", server.url("below/bad.nhdr", f"me:{SECRET}@"))
                 self.assertLessEqual(server.requests - before, 3)
             self.assertEqual(other.requests, 0)
             write("below/bad.nhdr", head, "not there.raw\n")
@@ -400,7 +400,7 @@ class Volumes(unittest.TestCase):
                 size = (FOLDER / name).stat().st_size
                 local, _ = self.store_of(name)
                 server.fault_of = lambda *_: "status:404" if server.bytes > 0.7 * size else None
-                self.preprocess_fails(3, "what is done is kept", server.url(name), "--resume")
+                self.preprocess_fails(3, "part is kept", server.url(name), "--resume")
                 server.fault_of = lambda *_: None
                 before = server.bytes
                 far, said = self.store_of(server.url(name), "--resume")
@@ -415,7 +415,7 @@ class Volumes(unittest.TestCase):
         with RangeServer(FOLDER) as server:
             url = server.url("changing.nrrd")
             server.fault_of = lambda *_: "status:404" if server.bytes > 8_000_000 else None
-            self.preprocess_fails(3, "what is done is kept", url, "--resume")
+            self.preprocess_fails(3, "part is kept", url, "--resume")
             server.fault_of = lambda *_: None
             data = bytearray((FOLDER / "changing.nrrd").read_bytes())
             data[len(data) // 2] ^= 1

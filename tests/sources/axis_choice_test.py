@@ -98,7 +98,7 @@ class Axes(Input):
                 # The suggested command is complete.
                 self.reads(data[0], "--index", f"{name or 0}=0")
                 for words, way in (("no axis 'nothing'", "nothing=1"), ("no axis '5'", "5=1"), ("no axis '-6'", "-6=1"),
-                                   ("has no position 3", "0=3"), ("has no position -4", "0=-4"), ("comes twice", f"0=1,-{count}=1"),
+                                   ("has no position 3", "0=3"), ("has no position -4", "0=-4"), ("twice", f"0=1,-{count}=1"),
                                    (f"3 entries for {count} axes", ":,:,:")):
                     self.refuses(2, words, options=("--index", way))
                 self.refuses(5, "4 axes", options=("--index", "0=:"))
@@ -111,13 +111,13 @@ class Axes(Input):
                 info = self.info()
                 np.testing.assert_allclose(info["spacing"], (*spacing[:2], apart))
                 if name in ("t", "volume"):
-                    self.note(done, f"axis '{name}' is no direction in space", "taken as z")
+                    self.note(done, f"axis '{name}' is not a direction in space", "used as z")
                 if self.path.suffix == ".tif":  # rows of pages are cropped
                     self.refuses(5, "crop", options=("--index", f"{name}=:,y=3"))
                     continue
                 done = self.reads(np.ascontiguousarray(data[:, :, 3]), "--index", ":,:,3,:")
                 if name in ("t", "volume"):
-                    self.note(done, f"axis '{name}' is no direction in space")
+                    self.note(done, f"axis '{name}' is not a direction in space")
         # z has one position, and is dropped: a stack that was stored as times.
         data = data[:, :1]
         for name, self.path, spacing, apart in self.in_time(data):
@@ -162,7 +162,7 @@ class Axes(Input):
                 self.lies((0, 0, 0), (0.5, 2, 3))
                 done = self.reads(np.ascontiguousarray(data[2]), "--index", "c=:,z=2")  # x is that of the components
                 self.assertEqual(self.info()["nodes"], [3, 6, 5])
-                self.note(done, "axis 'c' is no direction in space; it is taken as x, with a spacing of 1")
+                self.note(done, "axis 'c' is not a direction in space", "used as x, with a spacing of 1")
                 self.assertEqual(sorted(self.info()["spacing"]), [0.5, 1, 2])
 
     def test_names_that_mean_several_axes_are_refused(self):

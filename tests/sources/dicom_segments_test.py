@@ -156,7 +156,7 @@ class DicomSegments(DamagedFiles, DicomInput):
         self.labels[3] = 0
         self.reads(self.labels[4:], "--crop", ":,:,4:")
         self.segmentation(self.frames() + [self.frames()[0]])
-        self.refuses(5, "at the same place")
+        self.refuses(5, "same position")
 
     def test_many_segments(self):
         labels = np.zeros((3, 20, 20), "u2")
@@ -214,7 +214,7 @@ class DicomSegments(DamagedFiles, DicomInput):
         frames = [(z, 1, self.labels[0] > 0) for z in (0, 1, 2.4)]
         for between in (None, "2"):
             self.segmentation(frames, between=between, names={1: "a"})
-            self.refuses(5, "even distances")
+            self.refuses(5, "evenly spaced")
         self.segmentation([(z, 1, self.labels[0] > 0) for z in (0, 1, 3e7)], names={1: "a"})
         self.refuses(5, "planes")
         self.segmentation([(z, 1, self.labels[0] > 0) for z in (0, 1, 2)], step=(0, 1.5, 2), names={1: "a"})
@@ -223,7 +223,7 @@ class DicomSegments(DamagedFiles, DicomInput):
         d = self.segmentation([(z, 1, self.labels[0] > 0) for z in (0, 1, 2)], names={1: "a"})
         d.PerFrameFunctionalGroupsSequence[1].PlanePositionSequence[0].ImagePositionPatient = ["1.5", "2", "5"]
         d.save_as(self.path / "seg.dcm")
-        self.refuses(5, "frame 2 of the segmentation lies 0.5 beside")
+        self.refuses(5, "frame 2 of the segmentation", "0.5")
 
     def test_what_contradicts_itself_is_refused(self):
         self.segmentation(self.frames(), names={1: "a", 2: "b"})
@@ -234,7 +234,7 @@ class DicomSegments(DamagedFiles, DicomInput):
         self.refuses(4, "seg.dcm", "bytes")
         d.SegmentationType = "OTHER"
         d.save_as(self.path / "seg.dcm")
-        self.refuses(5, "a segmentation of type 'OTHER'")
+        self.refuses(5, "'OTHER'")
         self.segmentation(self.frames())
         self.segmentation(self.frames(), name="other.dcm")
         self.refuses(5, "several segmentations", "other.dcm", "seg.dcm")

@@ -47,7 +47,7 @@ class DicomSeries(DicomInput):
         (self.path / "cut.dcm").write_bytes(whole[:-len(self.data[0].tobytes()) - 12])
         self.refuses(2, "3 series", "cut.dcm", "--series")
         self.assertIn("cut.dcm", self.said(self.reads(self.data, "--series", series)))
-        self.refuses(4, "cut.dcm", "without pixels", options=("--series", "1.2.77"))
+        self.refuses(4, "cut.dcm", "no pixel data", options=("--series", "1.2.77"))
         # A deflated file, which says to which series it belongs.
         self.image(self.data[0], "deflated.dcm", syntax=DeflatedExplicitVRLittleEndian, SeriesInstanceUID="1.2.66")
         self.assertIn("deflated DICOM file", self.said(self.reads(self.data, "--series", series)))
@@ -66,7 +66,7 @@ class DicomSeries(DicomInput):
         self.assertIn("im9.dcm", said)
         # The damaged file may be a slice of the stack.
         self.image(self.data[0], "im8.dcm", position=(1, 2, 3 + 12), PixelData=None)
-        self.refuses(4, "im8.dcm", "without pixels", options=("--index", "stack=0"))
+        self.refuses(4, "im8.dcm", "no pixel data", options=("--index", "stack=0"))
 
     def test_a_localizer_is_named_and_left_out_on_request(self):
         self.stack(self.data)
@@ -115,7 +115,7 @@ class DicomSeries(DicomInput):
         packed.compress(pydicom.uid.RLELossless, encoding_plugin="pydicom")
         for d in (changed, other_text, packed):
             d.save_as(self.path / "sub" / "zz", write_like_original=False)
-            self.refuses(5, "zz", "im3.dcm", "the same SOP instance UID", "other contents")
+            self.refuses(5, "zz", "im3.dcm", "the same SOP instance UID", "different contents")
 
     def test_copies_of_a_file_of_frames(self):
         self.image(self.data, "all.dcm", SpacingBetweenSlices="2")
@@ -146,7 +146,7 @@ class DicomSeries(DicomInput):
         for z in range(3):
             for t in range(3):
                 self.image(series[t, z], f"{z}{t}.dcm", position=(0, 0, z), TemporalPositionIdentifier=t + 1)
-        self.refuses(5, "chooses a time", options=("--index", "t=:,z=0"))
+        self.refuses(5, "choose a time", options=("--index", "t=:,z=0"))
         # Echoes of times: the times come first.
         self.clear()
         six = RANDOM.integers(0, 99, (2, 3, 4, 5, 6)).astype("u2")
@@ -162,7 +162,7 @@ class DicomSeries(DicomInput):
         for z in range(4):
             for t in range(3):
                 self.image(series[t, z], f"{z}{t}.dcm", position=(0, 0, z), InstanceNumber=t, AcquisitionNumber=(z * 3 + t) * 7 % 12)
-        self.refuses(5, "the order of their numbers")
+        self.refuses(5, "the order of the image numbers")
         self.reads(series[1], "--index", "t=1")
 
     def test_times_in_frames(self):
@@ -309,7 +309,7 @@ class DicomSeries(DicomInput):
         self.assertEqual(self.info()["frame"], "LPS")
         said = self.said(self.reads(self.data, "--spacing", "0.25,0.5,2"))
         self.assertIn("18.5 degrees", said)
-        self.assertIn("3.346 beside its place", said)
+        self.assertIn("3.346 away", said)
         self.assertFalse(self.info()["sheared"])
         self.lies([10, 20, 30], [0.25, 0.5, 2])
         # Rotated as well.
@@ -317,7 +317,7 @@ class DicomSeries(DicomInput):
         for z, plane in enumerate(self.data):
             self.image(plane, f"{z}.dcm", position=(z, 2 * z, 0), ImageOrientationPatient=[1, 0, 0, 0, 0, -1])
         said = self.said(self.reads(self.data, "--spacing", "1,1,1"))
-        self.assertIn("and so are the directions of its axes", said)
+        self.assertIn("the directions of the axes", said)
         # With a user's spacing, reversed axes are still reversed, as in other formats.
         self.clear()
         for z, plane in enumerate(self.data):

@@ -22,6 +22,8 @@ except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
 
+UNSAID_SPACING = "the file does not give the spacing; it is taken as 1"
+
 
 def letters(text):
     return np.array([c.encode() for c in text], "S1")
@@ -188,13 +190,13 @@ class Minc(Dialect):
         for write in self.each():
             write(numbers(self.shape, "u1"), None, None, dims={})
             found = self.values()
-            self.assertIn("0 to 1, as there is no image-min and image-max", self.notes[0])
-            self.assertIn("the file does not say the spacing: it was taken as 1", self.notes[-1])
+            self.assertIn("scaled to 0 to 1", self.notes[0])
+            self.assertEqual(UNSAID_SPACING, self.notes[-1])
             self.assertTrue(0 <= found.min() and found.max() <= 1)
             write(numbers(self.shape, "u1"), 0.0, None)
             self.refuses(4, "MINC", "image-min and image-max")
             write(numbers(self.shape, "u1"), 0.0, 1.0, image={"valid_range": np.array([7.0, 7])})
-            self.refuses(4, "MINC's valid range is 7 to 7")
+            self.refuses(4, "valid_range", "7 to 7")
             dims = {**self.dims, "zspace": {"spacing": b"irregular", "start": 0.0, "step": 1.0}}
             write(numbers(self.shape, "u1"), 0.0, 1.0, dims=dims)
             self.refuses(5, "irregular", "zspace", "--spacing")
@@ -240,7 +242,7 @@ class Itk(Dialect):
         for name in ("Spacing", "Directions", "VoxelData"):
             with h5py.File(self.path, "a") as file:
                 del file[f"ITKImage/0/{name}"]
-            self.refuses(4, "this is an image of ITK's", name)
+            self.refuses(4, "this is an ITK image", name)
             self.write(numbers((4, 5, 6)), np.eye(3), [1.0, 1, 1], [0.0, 0, 0])
 
 
@@ -286,7 +288,7 @@ class Imaris(Dialect):
         self.refuses(4, "this is an Imaris file", "ImageSizeZ")
         self.write(extent=False, channels=1)
         np.testing.assert_array_equal(self.values(), self.data[0, 0])
-        self.assertEqual(self.notes, ["the file does not say the spacing: it was taken as 1"])
+        self.assertEqual(self.notes, [UNSAID_SPACING])
         with h5py.File(self.path, "a") as file:
             del file["DataSet/ResolutionLevel 0"]
         self.refuses(4, "this is an Imaris file", "ResolutionLevel 0")
@@ -317,7 +319,7 @@ class Ilastik(Dialect):
         self.write(numbers((200, 100, 130), "f8"), "xyz")  # more than fits into the buffer
         with h5py.File(self.path) as file:
             np.testing.assert_array_equal(self.values(), file["exported_data"][()].T)
-        self.assertEqual(self.notes, ["the file does not say the spacing: it was taken as 1"])
+        self.assertEqual(self.notes, [UNSAID_SPACING])
 
     def test_channels_and_times_are_chosen(self):
         values = numbers((2, 3, 5, 7, 4), "u2")
@@ -349,7 +351,7 @@ class Microscopy(Dialect):
         np.testing.assert_array_equal(self.values(), values)
         self.lies([10, -20, 30], [1.5, 2, 2.5])
         self.assertEqual(self.about["unit"], "angstrom")
-        self.refuses(5, "smaller copy", options=("--dataset", "Chimera/image1/data_zyx_2_2_2"))
+        self.refuses(5, "reduced copy", options=("--dataset", "Chimera/image1/data_zyx_2_2_2"))
         with h5py.File(self.path, "a") as file:  # a rotation by 90 degrees about z: x runs along y
             file["Chimera/image1"].attrs.update({"rotation_axis": [0.0, 0, 1], "rotation_angle": 90.0})
         affine = np.array([[0, -2, 0, 10], [0, 0, 1.5, -20], [2.5, 0, 0, 30], [0, 0, 0, 1.0]])
@@ -452,7 +454,7 @@ class Lzf(Dialect):
 
 
 class Unsaid(Dialect):
-    note = "the file does not say the spacing: it was taken as 1"
+    note = UNSAID_SPACING
 
     def test_a_spacing_that_no_file_says_is_noted(self):
         data = numbers((3, 4, 5), "i2")

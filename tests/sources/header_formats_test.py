@@ -160,16 +160,16 @@ class Nifti(DamagedFiles, Input):
         turned = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
         for affine, words in ((np.eye(3), ()), (np.diag([2, 3, 4]), ()), (turned, ("a rotation by 18.5 degrees",)),
                               (turned @ np.diag([2, 3, 4]), ("a rotation by 18.5 degrees",)),
-                              (np.diag([-1, -1, 1]), ("x, y", "backward")), (np.diag([1, 1, -2]), ("z", "backward")),
+                              (np.diag([-1, -1, 1]), ("x, y", "reversed")), (np.diag([1, 1, -2]), ("z", "reversed")),
                               (np.array([[1, 0.5, 0], [0, 1, 0], [0, 0, 1]]), ("a shear (x and y meet at 63.43 degrees)",)),
-                              (turned @ np.diag([-1, 1, 1]), ("mirror image", "a rotation by"))):
+                              (turned @ np.diag([-1, 1, 1]), ("mirrored", "a rotation by"))):
             with self.subTest(affine=affine.tolist()):
                 whole = np.eye(4)
                 whole[:3, :3], whole[:3, 3] = affine, (4, 5, 6)
                 self.save(data, whole)
                 done = self.reads(data.T, "--spacing", "3,4,5")
                 self.lies((4, 5, 6), (3, 4, 5))
-                notes = [line for line in done.stdout.splitlines() if "which are lost" in line]
+                notes = [line for line in done.stdout.splitlines() if "are lost" in line]
                 self.assertEqual(len(notes), 1 if words else 0, done.stdout)
                 for word in words:
                     self.assertIn(word, notes[0])
@@ -245,7 +245,7 @@ class MetaImage(DamagedFiles, Input):
     def test_what_cannot_be_read_is_refused(self):
         data = numbers((5, 6, 7))
         for code, lines, words in ((4, ("NDims = 2",), "DimSize"), (5, ("BinaryData = False",), "text"),
-                                   (4, ("ElementSpacing = 1 x 2",), "no number"), (4, ("DimSize = 7 0 5",), "DimSize"),
+                                   (4, ("ElementSpacing = 1 x 2",), "not a number"), (4, ("DimSize = 7 0 5",), "DimSize"),
                                    (2, ("DimSize = 7 6 500",), "bytes"), (5, ("ElementType = MET_LONG",), "MET_LONG"),
                                    (4, ("ElementSpacing = 1 0 2",), "step"), (4, ("nonsense",), "nonsense")):
             with self.subTest(lines=lines):
@@ -506,7 +506,7 @@ class Mgh(DamagedFiles, Input):
         raw[28:30] = b"\0\0"
         self.path.write_bytes(raw)
         done = self.preprocess()
-        self.assertIn("as FreeSurfer does", done.stdout + done.stderr)
+        self.assertIn("as in FreeSurfer", done.stdout + done.stderr)
         origin, steps, _ = self.world()
         # FreeSurfer's columns; in nibabel's default y and z are exchanged.
         affine = np.array([[-1, 0, 0], [0, 0, 1], [0, -1, 0]])

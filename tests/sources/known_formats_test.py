@@ -30,7 +30,7 @@ except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
 
-UNKNOWN = "none of the formats that are recognised"
+UNKNOWN = "the format is not recognised"
 MORE = bytes(range(256)) * 8
 
 
@@ -104,27 +104,27 @@ FILES = (
     ("v.dm4", digital_micrograph(4), "a DigitalMicrograph file", "dm2mrc"),
     ("v.spi", spider(), "a SPIDER file", "e2proc3d.py"),
     ("v.klb", klb(), "a KLB file", "Fiji"),
-    ("v.jpg", b"\xff\xd8\xff\xe0\0\x10JFIF" + MORE, "a JPEG picture", "convert '*.jpg' -colorspace Gray 'v.tif'"),
-    ("v.jp2", JPEG2000, "a JPEG 2000 picture", "convert"),
+    ("v.jpg", b"\xff\xd8\xff\xe0\0\x10JFIF" + MORE, "a JPEG image", "convert '*.jpg' -colorspace Gray 'v.tif'"),
+    ("v.jp2", JPEG2000, "a JPEG 2000 image", "convert"),
     ("v.j2k", b"\xff\x4f\xff\x51" + MORE, "a JPEG 2000 codestream", "convert"),
-    ("v.jxl", b"\xff\x0a" + MORE, "a JPEG XL picture", "convert"),
-    ("v.gif", b"GIF89a" + MORE, "a GIF picture", "convert"),
-    ("v.webp", b"RIFF\0\0\0\0WEBPVP8 " + MORE, "a WebP picture", "convert"),
-    ("v.exr", b"\x76\x2f\x31\x01" + MORE, "an OpenEXR picture", "convert"),
+    ("v.jxl", b"\xff\x0a" + MORE, "a JPEG XL image", "convert"),
+    ("v.gif", b"GIF89a" + MORE, "a GIF image", "convert"),
+    ("v.webp", b"RIFF\0\0\0\0WEBPVP8 " + MORE, "a WebP image", "convert"),
+    ("v.exr", b"\x76\x2f\x31\x01" + MORE, "an OpenEXR image", "convert"),
     ("v.pgm", b"P5\n7 6 255\n" + bytes(42), "a portable bitmap", "convert"),
-    ("v.pdf", b"%PDF-1.5\n" + MORE, "a PDF document", "name the volume"),
+    ("v.pdf", b"%PDF-1.5\n" + MORE, "a PDF document", "give the volume"),
     ("v.mif", b"mrtrix image\ndim: 7,6,5\n", "an MRtrix image", "mrconvert 'v.mif' 'v.nii.gz'"),
     ("v.v", b"MATRIX72v" + MORE, "an ECAT file", "medcon"),
     ("v.hv", b"!INTERFILE :=\n!imaging modality := nucmed\n", "an Interfile header", "medcon -f 'v.hv' -c nifti"),
     ("v.PAR", b"# === DATA DESCRIPTION FILE ======\n", "a Philips PAR header", "parrec2nii"),
     ("lh.pial", b"\xff\xff\xfecreated by me on a day\n\n" + MORE, "a FreeSurfer surface", "no values to preprocess"),
-    ("v+orig.HEAD", b"\ntype  = string-attribute\nname  = TYPESTRING\ncount = 15\n'3DIM_HEAD_ANAT~\n", "a header of AFNI",
+    ("v+orig.HEAD", b"\ntype  = string-attribute\nname  = TYPESTRING\ncount = 15\n'3DIM_HEAD_ANAT~\n", "an AFNI header",
      "3dAFNItoNIFTI 'v+orig.HEAD'"),
     ("v.fits", b"SIMPLE  =                    T".ljust(80) + MORE, "a FITS file", "fits.getdata('v.fits')"),
     ("v.grib", b"GRIB\0\0\0\2" + MORE, "a GRIB file", "cdo -f nc copy 'v.grib' 'v.nc'"),
     ("v.hdf", b"\x0e\x03\x13\x01" + MORE, "an HDF4 file", "h4toh5"),
     ("v.root", b"root\0\0" + MORE, "a ROOT file", "uproot"),
-    ("v.mat", b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\1IM" + MORE, "before 7.3", "scipy.io.loadmat('v.mat')"),
+    ("v.mat", b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\1IM" + MORE, "older than version 7.3", "scipy.io.loadmat('v.mat')"),
     ("v.plt", b"#!TDV112" + MORE, "a Tecplot file", "Resample To Image"),
     ("v.case", b"FORMAT\ntype: ensight gold\n", "an EnSight case", "Resample To Image"),
     ("v.nvdb", b"NanoVDB0" + MORE, "a NanoVDB file", "nanovdb_convert"),
@@ -141,7 +141,7 @@ FILES = (
     ("v.xml", (XML + '<SpimData version="0.2"></SpimData>').encode(), "a BigDataViewer XML file", "t00000/s00/0/cells"),
     ("v.gii", (XML + "<!DOCTYPE GIFTI SYSTEM 'gifti.dtd'>\n<GIFTI Version='1.0'>").encode(), "a GIFTI mesh", "no values"),
     ("v.nii.gz", b"<!DOCTYPE html>\n<html><head>404</head></html>", "a web page", "download"),
-    ("v.tif", b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 5\n", "a pointer of Git LFS", "git lfs pull"),
+    ("v.tif", b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 5\n", "a Git LFS pointer", "git lfs pull"),
     ("m.stl", stl(3), "an STL mesh", "no values to preprocess"),
     ("m_text.stl", b"solid m\n facet normal 0 0 1\n  outer loop\n", "an STL mesh", "no values"),
     ("m.ply", b"ply\nformat ascii 1.0\n", "a PLY mesh", "no values"),
@@ -153,18 +153,18 @@ FILES = (
     ("v.rar", b"Rar!\x1a\x07\0" + MORE, "a RAR archive", "unrar"),
     ("v.tar", tar(), "a tar archive", "tar xf 'v.tar'"),
     ("v.tar.gz", gzip.compress(tar()), "a tar archive", "tar xf 'v.tar.gz'"),
-    ("v.nii.bz2", bz2.compress(MORE), "a file in bzip2", "bunzip2 -k 'v.nii.bz2'"),
-    ("v.nii.xz", lzma.compress(MORE), "a file in xz", "unxz -k"),
-    ("v.nii.zst", b"\x28\xb5\x2f\xfd" + MORE, "a file in zstd", "unzstd"),
-    ("v.nii.Z", b"\x1f\x9d\x90" + MORE, "a file in compress", "uncompress"),
+    ("v.nii.bz2", bz2.compress(MORE), "a bzip2 file", "bunzip2 -k 'v.nii.bz2'"),
+    ("v.nii.xz", lzma.compress(MORE), "an xz file", "unxz -k"),
+    ("v.nii.zst", b"\x28\xb5\x2f\xfd" + MORE, "a zstd file", "unzstd"),
+    ("v.nii.Z", b"\x1f\x9d\x90" + MORE, "a compress (.Z) file", "uncompress"),
     ("v.hdr", analyze()[0], "an Analyze 7.5 header", "fslchfiletype NIFTI_GZ 'v.hdr' 'v'"),
     ("big.hdr", struct.pack(">i", 348) + bytes(36) + struct.pack(">4h", 3, 7, 6, 5) + bytes(300), "an Analyze 7.5 header", "fslchfiletype"),
     *((f"v.{kind.lower()}", VTK.format(kind).encode(), what, advice) for kind, what, advice in (
-        ("RectilinearGrid", "a rectilinear grid of VTK (.vtr)", "Resample To Image"),
-        ("StructuredGrid", "a curvilinear grid of VTK (.vts)", "Resample To Image"),
-        ("UnstructuredGrid", "an unstructured grid of VTK (.vtu)", "Resample To Image"),
-        ("PolyData", "a mesh of VTK (.vtp)", "no values"),
-        ("PImageData", "pieces of an image of VTK (.pvti)", "as one .vti"),
+        ("RectilinearGrid", "a VTK rectilinear grid (.vtr)", "Resample To Image"),
+        ("StructuredGrid", "a VTK curvilinear grid (.vts)", "Resample To Image"),
+        ("UnstructuredGrid", "a VTK unstructured grid (.vtu)", "Resample To Image"),
+        ("PolyData", "a VTK mesh (.vtp)", "no values"),
+        ("PImageData", "pieces of a VTK image (.pvti)", "as one .vti"),
         ("PRectilinearGrid", "(.pvtr)", "Resample To Image"), ("vtkMultiBlockDataSet", "(.vtm)", "ParaView"),
         ("Collection", "(.pvd)", "one step"))),
 )
@@ -179,7 +179,7 @@ class Known(Input):
         for name, data, what, advice in FILES:
             with self.subTest(name=name):
                 self.write(name, data)
-                self.refuses(5, "this is ", what, "which is not read: ", advice)
+                self.refuses(5, "this is ", what, "which is not supported: ", advice)
                 self.assertNotIn(UNKNOWN, self.preprocess().stderr)
                 # Options for other formats do not change that, but a user who describes the numbers overrides it.
                 self.refuses(5, what, options=("--dataset", "v"))
@@ -193,10 +193,10 @@ class Known(Input):
                 self.refuses(5, what)
 
     def test_what_vtk_writes(self):
-        for maker, writer, what in ((vtk.vtkRectilinearGrid, vtk.vtkXMLRectilinearGridWriter, "a rectilinear grid"),
-                                    (vtk.vtkStructuredGrid, vtk.vtkXMLStructuredGridWriter, "a curvilinear grid"),
-                                    (vtk.vtkUnstructuredGrid, vtk.vtkXMLUnstructuredGridWriter, "an unstructured grid"),
-                                    (vtk.vtkPolyData, vtk.vtkXMLPolyDataWriter, "a mesh of VTK")):
+        for maker, writer, what in ((vtk.vtkRectilinearGrid, vtk.vtkXMLRectilinearGridWriter, "rectilinear grid"),
+                                    (vtk.vtkStructuredGrid, vtk.vtkXMLStructuredGridWriter, "curvilinear grid"),
+                                    (vtk.vtkUnstructuredGrid, vtk.vtkXMLUnstructuredGridWriter, "unstructured grid"),
+                                    (vtk.vtkPolyData, vtk.vtkXMLPolyDataWriter, "a VTK mesh")):
             made = writer()
             made.SetInputData(maker())
             made.SetFileName(str(self.here / "v.vt"))
@@ -211,13 +211,13 @@ class Known(Input):
         self.refuses(5, "an Analyze 7.5 image", "does not say which side is left")
         self.write("w+orig.HEAD", next(data for name, data, *_ in FILES if name.endswith(".HEAD")))
         self.write("w+orig.BRIK", MORE)
-        self.refuses(5, "a dataset of AFNI", "3dAFNItoNIFTI 'w+orig.HEAD'")
+        self.refuses(5, "an AFNI dataset", "3dAFNItoNIFTI 'w+orig.HEAD'")
 
     def test_unknown_bytes_are_raw_numbers(self):
         for i in range(60):
             size = int(RANDOM.integers(1, 3000))
             self.write("v.raw" if i % 2 else "v", RANDOM.bytes(size))
-            self.refuses(2, UNKNOWN, "raw numbers have to be described", "--dims")
+            self.refuses(2, UNKNOWN, "raw numbers", "--dims")
         for data in (b"\0", bytes(5000), b"\xff" * 700, b"text that says nothing\n" * 9, np.arange(2000, dtype="<f4").tobytes(),
                      np.arange(4000, dtype=">i2").tobytes(), np.full(900, 3.5).tobytes(), b"BZh9" + MORE, b"root canal", b"solid ground",
                      b"v for volume", b"P5ych", b"<no known element/>", b"GRIB the rail", gzip.compress(MORE)):
@@ -250,22 +250,22 @@ class Folders(Input):
     def test_folders_that_are_a_volume_of_others(self):
         for name, files, what, advice in (
                 ("v.n5", {"attributes.json": '{"n5": "2.5.0"}'}, "an N5 folder", "N5Store('v.n5')"),
-                ("p", {"info": json.dumps({"type": "image", "data_type": "uint8", "scales": []})}, "a precomputed volume", "cloudvolume"),
+                ("p", {"info": json.dumps({"type": "image", "data_type": "uint8", "scales": []})}, "precomputed volume", "cloudvolume"),
                 ("b", {"2dseq": "", "visu_pars": ""}, "Bruker ParaVision", "brkraw"),
                 ("a.bp", {"md.idx": "", "data.0": ""}, "an ADIOS2 BP folder", "adios2")):
             self.path = self.here / name
             self.path.mkdir()
             for file, text in files.items():
                 (self.path / file).write_text(text)
-            self.refuses(5, "this is ", what, "which is not read: ", advice)
+            self.refuses(5, "this is ", what, "which is not supported: ", advice)
 
     def test_folders_of_files(self):
         (self.path / "a.txt").write_text("nothing")
         (self.path / "s10.jpg").write_bytes(b"\xff\xd8\xff\xe0" + MORE)
         (self.path / "s2.jpg").write_bytes(b"\xff\xd8\xff\xe0" + MORE)
-        self.refuses(5, "a folder with 's2.jpg', which is a JPEG picture and not read", "convert '*.jpg'")
+        self.refuses(5, "'s2.jpg', which is a JPEG image", "convert '*.jpg'")
         nibabel.save(nibabel.Nifti1Image(np.zeros((3, 4, 5), "i2"), np.eye(4)), self.path / "b.nii")
-        self.refuses(5, "a folder with 'b.nii', which is NIfTI: name that file")
+        self.refuses(5, "'b.nii', which is NIfTI: give that file")
 
     def test_folders_without_anything_known(self):
         (self.path / "v.raw").write_bytes(MORE)
@@ -286,7 +286,7 @@ class Lists(Input):
     def test_a_list_of_pictures(self):
         done = several_files_of_a_known_kind(self)
         self.assertEqual(done.returncode, 5)
-        self.assertIn("a JPEG picture", done.stderr)
+        self.assertIn("a JPEG image", done.stderr)
 
 
 if __name__ == "__main__":

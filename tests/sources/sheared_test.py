@@ -552,7 +552,7 @@ class Sheared(Input):
             self.assertIn("right angles", done.stderr)
         flat = np.array([[1, 0.9999, 0], [0, 1e-4, 0], [0, 0, 1.0]])
         self.nifti(flat, ball("cell"))
-        self.refuses(5, "nearly lie in a plane", "x and y meet at", "--spacing")
+        self.refuses(5, "nearly in one plane", "x and y meet at", "--spacing")
 
 
 if __name__ == "__main__":

@@ -84,7 +84,7 @@ class Slices(DamagedFiles, Input):
                 for i, plane in enumerate(data):
                     np.testing.assert_array_equal(np.asarray(Image.open(self.path / f"s{i}.{ending}")), plane)
                 done = self.reads(data)
-                self.assertIn("the file does not say the spacing: it was taken as 1", done.stdout + done.stderr)
+                self.assertIn("the file does not give the spacing;", done.stdout + done.stderr)
                 self.lies((0, 0, 0), (1, 1, 1))
                 done = served.run([ISONEST, "preprocess", *files, "-o", self.here / "s.isonest", "--chunk", "8", "--force"],
                                   capture_output=True, text=True)
@@ -162,7 +162,7 @@ class Slices(DamagedFiles, Input):
         good = [Image.fromarray(plane) for plane in data]
         for other in (Image.fromarray(data[0, :4]), Image.fromarray(data[0, :, :5]), Image.fromarray(data[0].astype("u2"))):
             self.stack([*good[:2], other, good[3]], "png")
-            self.refuses(5, "s2.png", "one size and type")
+            self.refuses(5, "s2.png", "same size and type")
         self.stack([*good, Image.fromarray(data[0]).convert("P")], "png")
         self.refuses(5, "s4.png", "palette", "convert")
         self.stack([*good, png(data[0], 0, 8)[:-30]], "png")
@@ -172,10 +172,10 @@ class Slices(DamagedFiles, Input):
         self.refuses(2, "'index' does not go with PNG", options=("--index", "z=1"))
         whole = bmp(data[0])
         colours = np.arange(1024).astype("u1").tobytes()
-        for file, code, word in ((bmp(data[0], palette=colours), 5, "palette has colours"), (bmp(data[0], compression=1), 5, "compression 1"),
-                                 (bmp(data[0], header=64), 5, "header of 64"), (whole[:-1], 4, "do not lie"), (whole[:40], 4, "cut short"),
-                                 (bmp(data[0], used=257), 4, "palette of 257"), (bmp(data[0] % 4, used=3), 4, "palette has not"),
-                                 (whole[:10] + struct.pack("<I", 100) + whole[14:], 4, "do not lie"),
+        for file, code, word in ((bmp(data[0], palette=colours), 5, "palette is not grey"), (bmp(data[0], compression=1), 5, "compression 1"),
+                                 (bmp(data[0], header=64), 5, "header of 64"), (whole[:-1], 4, "beyond the end"), (whole[:40], 4, "cut short"),
+                                 (bmp(data[0], used=257), 4, "palette of 257"), (bmp(data[0] % 4, used=3), 4, "not in the palette"),
+                                 (whole[:10] + struct.pack("<I", 100) + whole[14:], 4, "beyond the end"),
                                  (whole[:18] + struct.pack("<i", -6) + whole[22:], 4, "pixels"),
                                  (whole[:22] + struct.pack("<i", -2**31) + whole[26:], 4, "pixels"),
                                  (whole[:28] + struct.pack("<H", 16) + whole[30:], 5, "16 bits")):
@@ -183,7 +183,7 @@ class Slices(DamagedFiles, Input):
                 self.stack([whole, file], "bmp")
                 self.refuses(code, "s1.bmp", word)
         self.stack([png(np.zeros((3000, 3000), "u1"), 0, 8)], "png")
-        self.refuses(7, "held as a whole", options=("--memory", "24M"))
+        self.refuses(7, "does not fit in memory", options=("--memory", "24M"))
 
     def test_damaged_files(self):
         data = numbers((20, 17), "u1")

@@ -71,11 +71,11 @@ class Module:
         module = self.here / "moved/lib/isonest" / name
         done = self.run_moved(program)
         self.assertEqual(done.returncode, 5, done.stderr)
-        self.assertRegex(done.stderr, f"the module that .* is not installed: it is in the package {package}\n")
+        self.assertRegex(done.stderr, f"not installed.* {package}\n")
         module.write_bytes(b"no module")
         done = self.run_moved(program)
         self.assertEqual(done.returncode, 5, done.stderr)
-        self.assertRegex(done.stderr, f"the module that .* cannot be loaded: .*{name}")
+        self.assertRegex(done.stderr, f"cannot be loaded: .*{name}")
         self.assertEqual(list(self.here.glob("moved.*")), [])
         shutil.copy(pathlib.Path(ISONEST).resolve().parents[1] / "lib/isonest" / name, module)
         done = self.run_moved(program)

@@ -91,7 +91,7 @@ class Vti(DamagedFiles, Input):
                 self.path.write_bytes(whole[:at + i] + bytes([whole[at + i] ^ 0xFF]) + whole[at + i + 1:])
                 self.assertIn(self.preprocess().returncode, (0, 4))
             self.path.write_bytes(whole.replace(compressor.encode(), b"LZ5"))
-            self.refuses(5, "vtkLZ5DataCompressor", "vtkLZ4DataCompressor and vtkLZMADataCompressor are read")
+            self.refuses(5, "vtkLZ5DataCompressor", "vtkLZ4DataCompressor")
 
     def test_several_pieces(self):
         """VTK writes the whole image in each piece if its source does not divide it."""
@@ -138,16 +138,16 @@ class Vti(DamagedFiles, Input):
 
     def test_pieces_that_do_not_make_the_image_are_refused(self):
         piece = ('<Piece Extent="{}"><PointData><DataArray Name="{}" type="Int32" format="ascii">' + "1 " * 12 + "</DataArray></PointData></Piece>").format
-        for extents, code, words in ((("0 1 0 2 0 1", "2 3 0 1 0 1"), 4, "leave a part of the image out"),
-                                     (("0 1 0 2 0 1", "2 4 0 2 0 1"), 4, "from 2 to 4 in an image from 0 to 3"),
-                                     (("0 1 0 2 0 1", "0 1 0 2 0 1"), 4, "leave a part of the image out"),
-                                     (("0 -1 0 2 0 1",), 4, "no piece with points")):
+        for extents, code, words in ((("0 1 0 2 0 1", "2 3 0 1 0 1"), 4, "cover the whole image"),
+                                     (("0 1 0 2 0 1", "2 4 0 2 0 1"), 4, "from 2 to 4, but the image from 0 to 3"),
+                                     (("0 1 0 2 0 1", "0 1 0 2 0 1"), 4, "cover the whole image"),
+                                     (("0 -1 0 2 0 1",), 4, "no piece that has points")):
             self.path.write_text('<VTKFile type="ImageData"><ImageData WholeExtent="0 3 0 2 0 1">'
                                  + "".join(piece(extent, "v") for extent in extents) + "</ImageData></VTKFile>")
             self.refuses(code, words)
         self.path.write_text('<VTKFile type="ImageData"><ImageData WholeExtent="0 3 0 2 0 1">'
                              + piece("0 1 0 2 0 1", "v") + piece("2 3 0 2 0 1", "w") + "</ImageData></VTKFile>")
-        self.refuses(4, "one of the image's pieces has not this array")
+        self.refuses(4, "lacks this array")
 
     def test_pieces_that_share_no_points(self):
         """As written by programs that do not follow VTK's rule."""
@@ -159,7 +159,7 @@ class Vti(DamagedFiles, Input):
         write(piece(0, 1), '<Piece Extent="0 -1 0 -1 0 -1"><PointData><DataArray Name="x" type="Int8"/></PointData></Piece>', piece(2, 3))
         self.reads(data)
         write(piece(0, 0), piece(2, 3))
-        self.refuses(4, "leave a part of the image out")
+        self.refuses(4, "cover the whole image")
         write(piece(0, 2), piece(1, 3), piece(1, 2))
         self.reads(data)
         write(*[piece(0, 3)] * 300)
@@ -297,7 +297,7 @@ class Vti(DamagedFiles, Input):
         self.save(image_of({"v": numbers((5, 6, 7))}), mode="ascii")
         whole = self.path.read_bytes()
         at = whole.index(b"<PointData")
-        for hostile, words in ((b"<a>" * 1000000, "more than 64 deep"), (b"<!--" + b"x" * (8 << 20) + b"-->", "more than 4 MiB"),
+        for hostile, words in ((b"<a>" * 1000000, "more than 64 levels"), (b"<!--" + b"x" * (8 << 20) + b"-->", "more than 4 MiB"),
                                (b"<a b='" + b"x" * (8 << 20) + b"'/>", "more than 4 MiB"), (b"<a>" * 60 + b"</a>" * 60, None),
                                (b" " * (8 << 20), None)):
             self.path.write_bytes(whole[:at] + hostile + whole[at:])

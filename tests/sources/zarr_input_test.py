@@ -445,7 +445,7 @@ class Zarr(Input):
         self.refuses(5, "'z' are not evenly spaced", "0.25,2,2.33333 (x,y,z)", "up to 1.67 away",
                      options=("--index", "time=0"))
         _, notes = self.read_values("--index", "time=0", "--spacing", "0.25,2,2")
-        self.assertIn("'z' are not evenly spaced: with the spacing that is given, nodes lie up to 1 away", "".join(notes))
+        self.assertIn("up to 1 away", "".join(notes))
         self.lies([-7, 32, 1], [0.25, 2, 2])
 
     def test_what_xarray_writes_in_version_3(self):

@@ -43,7 +43,7 @@ class Reader {
                 break;
             }
         }
-        corrupt("the file ends within its header, or that is longer than 8 MiB");
+        corrupt("the header is cut short, or longer than 8 MiB");
     }
 
   private:
@@ -75,7 +75,7 @@ class Reader {
     std::string name() {
         const std::uint64_t length = count();
         if (length > 65536) {
-            corrupt(fmt::format("a name of {} letters", length));
+            corrupt(fmt::format("a name of {} bytes is too long", length));
         }
         return std::string(take(padded(length)).substr(0, static_cast<std::size_t>(length)));
     }
@@ -87,11 +87,12 @@ class Reader {
             return 0;
         }
         if (found != tag) {
-            corrupt(fmt::format("a list of {} items with tag {} where one with {} is expected",
-                                items, found, tag));
+            corrupt(fmt::format("a list of {} items has tag {}, but {} is expected", items, found,
+                                tag));
         }
         if (items > kMaxItems - items_) {
-            corrupt(fmt::format("more than {} dimensions, variables and attributes", kMaxItems));
+            corrupt(fmt::format("the header has more than {} dimensions, variables and attributes",
+                                kMaxItems));
         }
         items_ += items;
         return items;
@@ -115,7 +116,7 @@ class Reader {
             if (length == 0) {
                 record_dim = header.dims.size();
             } else if (length > (std::uint64_t{1} << 48U)) {
-                corrupt(fmt::format("a dimension of length {}", length));
+                corrupt(fmt::format("a dimension of length {} is too long", length));
             }
             header.dims.push_back({std::move(of), length});
         }
@@ -150,7 +151,7 @@ class Reader {
                 break;
             }
             if (each == 0 || values > (std::uint64_t{1} << 30U)) {
-                corrupt(fmt::format("an attribute of {} numbers of type {}", values, type));
+                corrupt(fmt::format("invalid attribute: {} numbers of type {}", values, type));
             }
             const std::string_view bytes = take(padded(values * each));
             if (type == kChar) {
@@ -171,12 +172,13 @@ class Reader {
         v.name = name();
         const std::uint64_t dims = count();
         if (dims > kMaxDims) {
-            corrupt(fmt::format("a variable of {} axes", dims));
+            corrupt(fmt::format("a variable of {} axes has too many", dims));
         }
         for (std::uint64_t i = 0; i < dims && !short_; ++i) {
             const std::uint64_t dim = count();
             if (dim >= header.dims.size() && !short_) {
-                corrupt(fmt::format("there is no dimension {}", dim));
+                corrupt(
+                    fmt::format("a variable refers to dimension {}, which does not exist", dim));
             }
             v.dims.push_back(static_cast<std::size_t>(dim));
         }
@@ -189,13 +191,13 @@ class Reader {
         }
         v.bytes = netcdf_type_bytes(v.type);
         if (v.bytes == 0) {
-            corrupt(fmt::format("'{:.80}' has type {}", v.name, v.type));
+            corrupt(fmt::format("the variable '{:.80}' has the unknown type {}", v.name, v.type));
         }
         v.record = !v.dims.empty() && v.dims.front() == record_dim;
         for (std::size_t i = v.record ? 1 : 0; i < v.dims.size(); ++i) {
             const std::uint64_t length = header.dims[v.dims[i]].length;
             if (length == 0 || length > kMaxBytes / v.bytes) {
-                corrupt(fmt::format("'{:.80}' has a size that cannot be", v.name));
+                corrupt(fmt::format("the variable '{:.80}' has an impossible size", v.name));
             }
             v.bytes *= length;
         }
@@ -209,7 +211,7 @@ class Reader {
                 ++records;
                 header.record_bytes += padded(v.bytes);
                 if (header.record_bytes > kMaxBytes) {
-                    corrupt("records have a size that cannot be");
+                    corrupt("the records have an impossible size");
                 }
             }
         }

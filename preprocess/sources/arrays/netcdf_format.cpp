@@ -94,7 +94,8 @@ void set_type(const NetcdfVariable& v, PlacedArray& array) {
             array.stored = v.type == 10 && is_signed ? StoredNumber::i64 : StoredNumber::u64;
             return;
         default:
-            throw Error(ErrorKind::unsupported, {array.name}, "text is no volume");
+            throw Error(ErrorKind::unsupported, {array.name},
+                        "the variable holds text; choose one that holds numbers");
     }
 }
 
@@ -176,7 +177,7 @@ const NetcdfVariable& choose(const NetcdfHeader& header, const SourceOptions& op
     }
     if (count > 1) {
         throw Error(ErrorKind::invalid_argument, {name},
-                    fmt::format("several volumes; the file has:{}", list_of(header)),
+                    fmt::format("there are several volumes; the file has:{}", list_of(header)),
                     {{RemedyKind::choose_dataset}});
     }
     return *best;
@@ -285,8 +286,8 @@ MincRange range_of_minc(const std::filesystem::path& path, const NetcdfHeader& h
         most->dims.size() > image.dims.size() ||
         !std::equal(most->dims.begin(), most->dims.end(), image.dims.begin())) {
         throw Error(ErrorKind::corrupt, {name},
-                    "this is MINC 1, but image-min and image-max are not there for the same first "
-                    "axes of the image");
+                    "this is MINC 1, but image-min and image-max are not both given along the same "
+                    "leading axes of the image");
     }
     range.dims = most->dims.size();
     range.most = all_numbers(path, header, *most, kMaxMincRanges);
@@ -346,7 +347,7 @@ void place_as_minc(const std::filesystem::path& path, const NetcdfHeader& header
     const ChosenAxes chosen = choose_axes(array.axes, options.index, array.name);
     if (array.stored) {
         throw Error(ErrorKind::unsupported, {array.name},
-                    "this is MINC 1 with integers of 64 bits, which MINC does not have");
+                    "this is MINC 1 with 64-bit integers, which MINC does not define");
     }
     const MincRange range = range_of_minc(path, header, v, array.name);
     array.scaling = minc_scaling(range, array.axes, chosen, array.layout.type, array.name);
@@ -373,7 +374,7 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
     std::vector<std::string> notes;
     const bool minc = is_of_minc(v) && v.name == "image";
     if (is_unsigned(v) && !minc) {
-        notes.emplace_back("stored numbers are taken as unsigned (_Unsigned)");
+        notes.emplace_back("stored numbers are read as unsigned (_Unsigned)");
     }
     array.strides = strides_of(header, v);
     // The length of a record need not be a multiple of the size of its numbers.
@@ -385,7 +386,8 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
     array.steps.assign(v.dims.size(), Double3{0, 0, 0});
     for (const std::size_t d : v.dims) {
         if (header.dims[d].length < 1) {
-            throw Error(ErrorKind::invalid_argument, {array.name}, "it has no record");
+            throw Error(ErrorKind::invalid_argument, {array.name},
+                        "the unlimited dimension has no records");
         }
         array.axes.push_back(
             {header.dims[d].name, static_cast<std::int64_t>(header.dims[d].length), true});

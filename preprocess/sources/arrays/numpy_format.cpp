@@ -68,14 +68,15 @@ class Literal {
             } else if (key == "fortran_order") {
                 const std::string_view truth = word();
                 if (truth != "True" && truth != "False") {
-                    corrupt(fmt::format("'fortran_order' is '{:.40}'", truth));
+                    corrupt(fmt::format("'fortran_order' is '{:.40}', but must be True or False",
+                                        truth));
                 }
                 header.fortran = truth == "True";
             } else if (key == "shape") {
                 set_shape(header);
                 has_shape_ = true;
             } else {
-                corrupt(fmt::format("there is a key '{:.40}'", key));
+                corrupt(fmt::format("unknown key '{:.40}'", key));
             }
             if (!accept(',')) {
                 expect('}');
@@ -105,7 +106,7 @@ class Literal {
     }
     void expect(char c) {
         if (!accept(c)) {
-            corrupt(fmt::format("'{}' is missing at byte {}", c, at_));
+            corrupt(fmt::format("expected '{}' at byte {}", c, at_));
         }
     }
     std::string quoted() {
@@ -114,7 +115,7 @@ class Literal {
         expect(mark);
         const std::size_t end = text_.find(mark, at_);
         if (end == std::string_view::npos) {
-            corrupt("a quotation has no end");
+            corrupt("a string has no closing quote");
         }
         std::string word(text_.substr(at_, end - at_));
         at_ = end + 1;
@@ -132,8 +133,9 @@ class Literal {
     void set_type(NpyHeader& header) {
         skip_blanks();
         if (at_ < text_.size() && text_[at_] == '[') {
-            throw Error(ErrorKind::unsupported, {name_, "npy header"},
-                        "records of several fields; save the field that is the volume");
+            throw Error(
+                ErrorKind::unsupported, {name_, "npy header"},
+                "the array has records of several fields; save only the field that is the volume");
         }
         const std::string descr = quoted();
         static const std::map<std::string_view, ValueType> types{
@@ -149,8 +151,8 @@ class Literal {
         const auto other = others.find(kind);
         if (!ordered || (type == types.end() && other == others.end())) {
             throw Error(ErrorKind::unsupported, {name_, "npy header"},
-                        fmt::format("numbers of type '{:.40}': integers and floating point "
-                                    "numbers of up to 64 bits are read",
+                        fmt::format("the type '{:.40}' is not supported; save integers or floating "
+                                    "point numbers of up to 64 bits",
                                     descr));
         }
         header.big_endian = descr[0] == '>';
@@ -174,7 +176,7 @@ class Literal {
                 std::from_chars(number.data(), number.data() + number.size(), length);
             if (error != std::errc{} || end != number.data() + number.size() || length < 0 ||
                 header.shape.size() >= kMaxAxes) {
-                corrupt(fmt::format("an axis of length '{:.40}'", number));
+                corrupt(fmt::format("invalid axis length '{:.40}', or too many axes", number));
             }
             if (length == 0) {
                 throw Error(ErrorKind::invalid_argument, {name_}, "the array is empty");
@@ -212,20 +214,20 @@ std::uint64_t npy_header_bytes(std::string_view text) {
 
 NpyHeader parse_npy_header(std::string_view text, const std::string& name) {
     if (text.size() < kNpyFirst || text.substr(0, kNpyMagic) != "\x93NUMPY") {
-        throw Error(ErrorKind::corrupt, {name}, "not an array of NumPy");
+        throw Error(ErrorKind::corrupt, {name}, "not a NumPy array");
     }
     const int version = static_cast<unsigned char>(text[kNpyMagic]);
     if (version < 1 || version > 3) {
         throw Error(ErrorKind::unsupported, {name, "npy header"},
-                    fmt::format("version {}: 1 to 3 are read", version));
+                    fmt::format("version {} is not supported; versions 1 to 3 are", version));
     }
     const std::uint64_t bytes = npy_header_bytes(text);
     const std::size_t start = npy_literal_start(text);
     if (bytes > text.size()) {
-        throw Error(ErrorKind::corrupt, {name, "npy header"},
-                    fmt::format("{} bytes: the file ends before, or it is longer than the {} that "
-                                "are read",
-                                bytes - start, kMaxNpyHeader));
+        throw Error(
+            ErrorKind::corrupt, {name, "npy header"},
+            fmt::format("the header of {} bytes is cut short, or longer than the limit of {}",
+                        bytes - start, kMaxNpyHeader));
     }
     NpyHeader header =
         Literal(text.substr(start, static_cast<std::size_t>(bytes) - start), name).parse();
@@ -337,14 +339,14 @@ std::unique_ptr<VolumeSource> open_npz(const VolumeInput& input, const SourceOpt
     }
     if (options.dataset.empty() && arrays > 1) {
         throw Error(ErrorKind::invalid_argument, {path.string()},
-                    "there are several arrays:" + list, {{RemedyKind::choose_dataset}});
+                    "the file has several arrays:" + list, {{RemedyKind::choose_dataset}});
     }
     PlacedArray array;
     array.file = path;
     array.name = path.string() + ":" + array_name(*chosen);
     if (!chosen->readable) {
         throw Error(ErrorKind::unsupported, {array.name},
-                    "it is encrypted, or compressed by another method than deflate");
+                    "it is encrypted, or compressed by a method other than deflate");
     }
     const NpyHeader header = parse_npy_header(start_of(path, *chosen), array.name);
     array.layout.start = chosen->start;

@@ -15,11 +15,11 @@ std::unique_ptr<VolumeSource> open_numbers(const VolumeInput& input, const Sourc
             names += fmt::format("{}{}{}", names.empty() ? "" : ", ", format.name,
                                  format.package.empty() ? "" : " (not in this build)");
         }
-        throw Error(ErrorKind::invalid_argument, {input.name()},
-                    fmt::format("none of the formats that are recognised ({}); raw numbers have to "
-                                "be described",
-                                names),
-                    {{RemedyKind::describe_numbers, "dims,type"}});
+        throw Error(
+            ErrorKind::invalid_argument, {input.name()},
+            fmt::format("the format is not recognised as one of {}; raw numbers need a description",
+                        names),
+            {{RemedyKind::describe_numbers, "dims,type"}});
     }
     RawLayout layout;
     layout.nodes = *options.dims;

@@ -71,20 +71,20 @@ Bmp read_bmp_header(const std::filesystem::path& file) {
     const auto unsupported = [&](const std::string& what) {
         throw Error(ErrorKind::unsupported, {file.string(), "BMP header"},
                     what +
-                        ": write it as grey values of 8 bits, for example with: convert IN.bmp "
+                        "; convert it to 8-bit grey values, for example with: convert IN.bmp "
                         "-colorspace Gray OUT.png");
     };
     if (!head.starts_with("BM") || head.size() < kMin) {
-        corrupt("it is no BMP file, or cut short");
+        corrupt("not a BMP file, or cut short");
     }
     const auto word = [&](std::size_t at) { return number_at<std::uint32_t>(head, at, false); };
     const std::uint32_t header = word(14);
     constexpr std::array<std::uint32_t, 5> kHeaders{40, 52, 56, 108, 124};
     if (std::find(kHeaders.begin(), kHeaders.end(), header) == kHeaders.end()) {
-        unsupported(fmt::format("a header of {} bytes", header));
+        unsupported(fmt::format("a header of {} bytes is not supported", header));
     }
     if (head.size() < 14 + header) {
-        corrupt("it is cut short");
+        corrupt("the header is cut short");
     }
     Bmp bmp;
     bmp.width = number_at<std::int32_t>(head, 18, false);
@@ -94,27 +94,27 @@ Bmp read_bmp_header(const std::filesystem::path& file) {
     bmp.bits = number_at<std::uint16_t>(head, 28, false);
     if (bmp.width < 1 || bmp.width > kMaxNodesPerAxis || bmp.height < 1 ||
         bmp.height > kMaxNodesPerAxis || number_at<std::uint16_t>(head, 26, false) != 1) {
-        corrupt(fmt::format("{} x {} pixels, {} planes", bmp.width, bmp.height,
+        corrupt(fmt::format("invalid size: {} x {} pixels, {} planes", bmp.width, bmp.height,
                             number_at<std::uint16_t>(head, 26, false)));
     }
     constexpr std::uint32_t kBitFields = 3;
     const std::uint32_t compression = word(30);
     const bool has_masks = compression == kBitFields && bmp.bits == 32;
     if (compression != 0 && !has_masks) {
-        unsupported(fmt::format("compression {}", compression));
+        unsupported(fmt::format("compression {} is not supported", compression));
     }
     if (bmp.bits != 1 && bmp.bits != 4 && bmp.bits != 8 && bmp.bits != 24 && bmp.bits != 32) {
-        unsupported(fmt::format("{} bits a pixel", bmp.bits));
+        unsupported(fmt::format("{} bits per pixel are not supported", bmp.bits));
     }
     std::uint64_t behind = 14 + header;
     if (has_masks) {
         constexpr std::uint64_t kMasks = 12;
         behind += header == 40 ? kMasks : 0;
         if (head.size() < 14 + 40 + kMasks) {
-            corrupt("it is cut short");
+            corrupt("the header is cut short");
         }
         if (word(54) != 0xFF0000U || word(58) != 0xFF00U || word(62) != 0xFFU) {
-            unsupported("colours in other bits than those of one byte each");
+            unsupported("colours that do not have one byte each are not supported");
         }
     }
     bmp.grey.fill(-1);
@@ -122,15 +122,14 @@ Bmp read_bmp_header(const std::filesystem::path& file) {
         const std::uint32_t most = 1U << static_cast<unsigned>(bmp.bits);
         const std::uint32_t used = word(46) == 0 ? most : word(46);
         if (used > most || head.size() < behind + 4 * std::uint64_t{used}) {
-            corrupt(fmt::format("a palette of {} colours", used));
+            corrupt(fmt::format("the palette of {} colours is too large, or cut short", used));
         }
         for (std::uint32_t i = 0; i < used; ++i) {
             const auto* const colour =
                 reinterpret_cast<const unsigned char*>(head.data()) + behind + 4 * std::size_t{i};
             if (colour[0] != colour[1] || colour[1] != colour[2]) {
                 unsupported(
-                    fmt::format("its palette has colours (number {} is red {}, green {}, "
-                                "blue {})",
+                    fmt::format("the palette is not grey (entry {} is red {}, green {}, blue {})",
                                 i, colour[2], colour[1], colour[0]));
             }
             bmp.grey.at(i) = colour[0];
@@ -144,8 +143,8 @@ Bmp read_bmp_header(const std::filesystem::path& file) {
     const std::uint64_t need = bmp.row * static_cast<std::uint64_t>(bmp.height);
     if (bmp.start < behind || bmp.start > size || size - bmp.start < need) {
         corrupt(
-            fmt::format("{} bytes of pixels from byte {} on do not lie behind its header of {} "
-                        "and within its {}",
+            fmt::format("{} bytes of pixels from byte {} on overlap the header of {} bytes, or go "
+                        "beyond the end of the file at byte {}",
                         need, bmp.start, behind, size));
     }
     return bmp;
@@ -176,7 +175,8 @@ void decode_bmp(const std::filesystem::path& file, const SlicePicture& picture, 
                 std::byte* dst) {
     const Bmp bmp = read_bmp_header(file);
     if (bmp.width != picture.width || bmp.height != picture.height) {
-        throw Error(ErrorKind::corrupt, {file.string()}, "it has changed since it was looked at");
+        throw Error(ErrorKind::corrupt, {file.string()},
+                    "the file has changed since it was opened");
     }
     const auto bytes =
         file_bytes(file, bmp.start, bmp.row * static_cast<std::uint64_t>(bmp.height));
@@ -193,7 +193,8 @@ void decode_bmp(const std::filesystem::path& file, const SlicePicture& picture, 
             if (grey < 0) {
                 throw Error(
                     ErrorKind::corrupt, {file.string()},
-                    fmt::format("the pixel ({}, {}) has a colour that its palette has not", x, y));
+                    fmt::format("the pixel ({}, {}) has a colour that is not in the palette", x,
+                                y));
             }
             *dst++ = static_cast<std::byte>(grey);
         }
@@ -274,7 +275,7 @@ class PngFile {
     static void read(png_structp png, png_bytep data, std::size_t size) {
         auto* const self = static_cast<PngFile*>(png_get_io_ptr(png));
         if (size > self->size_ - self->at_) {
-            png_error(png, "the file ends before the picture does; it was cut short");
+            png_error(png, "the image is incomplete; the file was cut short");
         }
         if (!self->fetch(reinterpret_cast<std::byte*>(data), size)) {
             png_error(png, "the file cannot be read");
@@ -316,8 +317,8 @@ SlicePicture look_at_png(const std::filesystem::path& file) {
     const int type = png_get_color_type(png.png(), png.info());
     if (type == PNG_COLOR_TYPE_PALETTE) {
         throw Error(ErrorKind::unsupported, {file.string()},
-                    "its values are numbers of a palette's colours: write it as grey values, for "
-                    "example with: convert IN.png -colorspace Gray OUT.png");
+                    "the image has a colour palette; convert it to grey values, for example with: "
+                    "convert IN.png -colorspace Gray OUT.png");
     }
     SlicePicture picture;
     picture.width = png_get_image_width(png.png(), png.info());
@@ -340,7 +341,8 @@ void decode_png(const std::filesystem::path& file, const SlicePicture& picture, 
     if (png_get_image_width(png.png(), png.info()) != picture.width ||
         png_get_image_height(png.png(), png.info()) != picture.height ||
         png_get_bit_depth(png.png(), png.info()) != picture.bits) {
-        throw Error(ErrorKind::corrupt, {file.string()}, "it has changed since it was looked at");
+        throw Error(ErrorKind::corrupt, {file.string()},
+                    "the file has changed since it was opened");
     }
     int passes = 1;
     if (!png.prepare(full_range, &passes)) {
@@ -352,7 +354,8 @@ void decode_png(const std::filesystem::path& file, const SlicePicture& picture, 
     const std::size_t row_bytes = width * value * channels;
     const auto height = static_cast<std::size_t>(picture.height);
     if (png_get_rowbytes(png.png(), png.info()) != row_bytes) {
-        throw Error(ErrorKind::corrupt, {file.string()}, "its rows have another length");
+        throw Error(ErrorKind::corrupt, {file.string()},
+                    "the rows do not have the expected length");
     }
     // In interlaced images, each pass adds pixels to all rows.
     std::vector<std::byte> rows(row_bytes * (passes > 1 ? height : 1));
@@ -485,20 +488,23 @@ std::vector<SlicePicture> look_at_all(const PictureFormat& format,
         const SlicePicture picture = format.look(file);
         if (picture.heap + static_cast<std::uint64_t>(picture.width * picture.height) * 2 >
             max_heap / 2) {
-            throw Error(ErrorKind::limit, {file.string()},
-                        fmt::format("a slice of {} x {} values is held as a whole", picture.width,
-                                    picture.height),
-                        {{RemedyKind::more_memory}});
+            throw Error(
+                ErrorKind::limit, {file.string()},
+                fmt::format(
+                    "a slice of {} x {} values, which is read as a whole, does not fit in memory",
+                    picture.width, picture.height),
+                {{RemedyKind::more_memory}});
         }
         pictures.push_back(picture);
         const SlicePicture& first = pictures.front();
         if (picture.width != first.width || picture.height != first.height ||
             (picture.bits == 16) != (first.bits == 16)) {
-            throw Error(ErrorKind::unsupported, {file.string()},
-                        fmt::format("it has {} x {} values of {} bits, but the first slice has "
-                                    "{} x {} of {}: slices of one volume have one size and type",
-                                    picture.width, picture.height, picture.bits, first.width,
-                                    first.height, first.bits));
+            throw Error(
+                ErrorKind::unsupported, {file.string()},
+                fmt::format("the slice has {} x {} values of {} bits, but the first slice has {} x "
+                            "{} of {} bits; all slices must have the same size and type",
+                            picture.width, picture.height, picture.bits, first.width, first.height,
+                            first.bits));
         }
     }
     return pictures;
@@ -527,10 +533,11 @@ std::unique_ptr<VolumeSource> open_slices(const PictureFormat& format, const Vol
     std::vector<std::string> notes;
     if (full_range) {
         notes.emplace_back(
-            "some slices have values of fewer bits than others: they are scaled to 0 to 255");
+            "some slices have fewer bits per value than others; their values are scaled to 0 to "
+            "255");
     }
     if (has_colours) {
-        notes.emplace_back("its colours are read as grey: red, green and blue must be equal");
+        notes.emplace_back("colours are read as grey values, so red, green and blue must be equal");
     }
     auto source = std::make_unique<SliceSource>(format, std::move(files), std::move(pictures),
                                                 full_range, name);
@@ -556,9 +563,9 @@ bool is_bmp(const VolumeInput& input) {
 
 void refuse_colour(const std::filesystem::path& file, std::int64_t x, std::int64_t y) {
     throw Error(ErrorKind::unsupported, {file.string()},
-                fmt::format("the pixel ({}, {}) has a colour or is transparent: a volume has one "
-                            "value at each node; write the slices as grey values, for example "
-                            "with: convert IN.png -alpha off -colorspace Gray OUT.png",
+                fmt::format("the pixel ({}, {}) is coloured or transparent, but a volume has one "
+                            "value per node; convert the slices to grey values, for example with: "
+                            "convert IN.png -alpha off -colorspace Gray OUT.png",
                             x, y));
 }
 

@@ -119,7 +119,7 @@ class Base64Bytes : public ByteReader {
                 if (value < 0) {
                     throw Error(
                         ErrorKind::corrupt, {name_},
-                        fmt::format("letter {} of its numbers is not base64", 4 * (first + g) + i));
+                        fmt::format("character {} of the data is not base64", 4 * (first + g) + i));
                 }
                 word = word << 6U | static_cast<unsigned>(value);
             }
@@ -196,7 +196,7 @@ class PackedBlocks : public ByteReader {
         decoded_.resize(std::min(block_, size_ - block * block_));
         if (!unpack_block(packing_, letters_, decoded_)) {
             throw Error(ErrorKind::corrupt, {name_, fmt::format("block {}", block)},
-                        "it does not unpack to what its header says");
+                        "the data do not decompress to the size in the header");
         }
         current_ = block;
     }
@@ -263,8 +263,9 @@ class TextNumbers : public ByteReader {
         T value{};
         const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
         if (error != std::errc{} || end != word.data() + word.size()) {
-            throw Error(ErrorKind::corrupt, {name_, fmt::format("number {}", done_)},
-                        fmt::format("{:?} is no {}", word.substr(0, kLongest), type_));
+            throw Error(
+                ErrorKind::corrupt, {name_, fmt::format("number {}", done_)},
+                fmt::format("{:?} is not a number of type {}", word.substr(0, kLongest), type_));
         }
         return value;
     }
@@ -283,7 +284,7 @@ class TextNumbers : public ByteReader {
             const std::string rest(from, part_.end());
             if (at_ == end_ || rest.size() > kLongest) {
                 throw Error(ErrorKind::corrupt, {name_, fmt::format("number {}", done_)},
-                            "the numbers end here; was the file cut short?");
+                            "there are no more numbers; was the file cut short?");
             }
             const std::uint64_t more = std::min<std::uint64_t>(kPart, end_ - at_);
             part_.assign(rest);

@@ -76,7 +76,8 @@ std::vector<std::filesystem::path> files_in(const std::filesystem::path& folder,
         }
         if (files.size() >= kMaxFolderFiles) {
             throw Error(ErrorKind::unsupported, {folder.string()},
-                        fmt::format("more than {} files", kMaxFolderFiles));
+                        fmt::format("the folder has more than {} files, which is the limit",
+                                    kMaxFolderFiles));
         }
         files.push_back(entry->path());
     }
@@ -148,16 +149,16 @@ nlohmann::json parse_json(const std::string& text, const std::string& name) {
     const std::string quoted = quoted_numbers(text, size);
     if (size.depth > kDeepest) {
         throw Error(ErrorKind::unsupported, {name},
-                    fmt::format("JSON that nests {} levels deep", size.depth));
+                    fmt::format("the JSON is nested too deeply: {} levels", size.depth));
     }
     if (size.bytes > kMaxMemory) {
         throw Error(ErrorKind::unsupported, {name},
-                    fmt::format("JSON that takes {} MiB of memory: up to {} are read",
+                    fmt::format("the JSON needs {} MiB of memory; the limit is {} MiB",
                                 size.bytes >> 20U, kMaxMemory >> 20U));
     }
     nlohmann::json json = nlohmann::json::parse(quoted, nullptr, false);
     if (json.is_discarded()) {
-        throw Error(ErrorKind::corrupt, {name}, "not JSON");
+        throw Error(ErrorKind::corrupt, {name}, "not valid JSON");
     }
     return json;
 }
@@ -170,7 +171,7 @@ std::optional<nlohmann::json> read_json(const std::filesystem::path& path) {
     const std::uint64_t size = regular_file_size(path);
     if (size > kMaxJsonBytes) {
         throw Error(ErrorKind::unsupported, {path.string()},
-                    fmt::format("a description of {} bytes", size));
+                    fmt::format("a JSON file of {} bytes is too large", size));
     }
     return parse_json(first_bytes(path, static_cast<std::size_t>(size)), path.string());
 }

@@ -264,7 +264,7 @@ class Reader {
     /// Reads exactly these bytes or throws.
     [[nodiscard]] std::string bytes(std::uint64_t at, std::uint64_t count) const {
         if (at > size_ || count > size_ - at) {
-            corrupt("it leads beyond the end of the file; was it cut short?");
+            corrupt("it extends beyond the end of the file; was the file cut short?");
         }
         return first_bytes(path_, static_cast<std::size_t>(count), at);
     }
@@ -276,7 +276,7 @@ class Reader {
         const std::string tail = bytes(size_ - length, length);
         const std::size_t end = tail.rfind("PK\5\6");
         if (end == std::string::npos || tail.size() - end < kEnd) {
-            corrupt("there is none at the end of the file; was it cut short?");
+            corrupt("not found at the end of the file; was the file cut short?");
         }
         count_ = number_at<std::uint16_t>(tail, end + 10, false);
         length_ = number_at<std::uint32_t>(tail, end + 12, false);
@@ -288,7 +288,7 @@ class Reader {
             const std::string end64 =
                 bytes(number_at<std::uint64_t>(tail, end - kLocator + 8, false), kEnd64);
             if (!end64.starts_with("PK\6\6")) {
-                corrupt("its ZIP64 record is not where it should be");
+                corrupt("the ZIP64 record is missing");
             }
             count_ = number_at<std::uint64_t>(end64, 32, false);
             length_ = number_at<std::uint64_t>(end64, 40, false);
@@ -296,14 +296,15 @@ class Reader {
         }
         if (count_ > kMaxMembers || length_ > kMaxDirectory) {
             throw Error(ErrorKind::unsupported, {path_.string(), "ZIP directory"},
-                        fmt::format("{} members: up to {} are read", count_, kMaxMembers));
+                        fmt::format("the directory is too large: {} members, where {} is the limit",
+                                    count_, kMaxMembers));
         }
     }
 
     [[nodiscard]] ZipMember member(std::string_view directory, std::size_t& at) const {
         constexpr std::size_t kFixed = 46;
         if (directory.size() - at < kFixed || directory.substr(at, 4) != "PK\1\2") {
-            corrupt(fmt::format("no entry at byte {} of it", at));
+            corrupt(fmt::format("there is no entry at byte {} of the directory", at));
         }
         const auto part = directory.substr(at);
         const auto flags = number_at<std::uint16_t>(part, 8, false);
@@ -312,7 +313,7 @@ class Reader {
         const std::size_t extra = number_at<std::uint16_t>(part, 30, false);
         const std::size_t comment = number_at<std::uint16_t>(part, 32, false);
         if (part.size() - kFixed < name + extra + comment) {
-            corrupt("its last entry has no end");
+            corrupt("the last entry is cut short");
         }
         ZipMember m;
         m.name = part.substr(kFixed, name);
@@ -328,12 +329,12 @@ class Reader {
         constexpr std::size_t kLocal = 30;
         const std::string head = bytes(local, kLocal);
         if (!head.starts_with("PK\3\4")) {
-            corrupt(fmt::format("'{:.80}' is not where it should be", m.name));
+            corrupt(fmt::format("'{:.80}' is not at the position in the directory", m.name));
         }
         m.start = local + kLocal + number_at<std::uint16_t>(head, 26, false) +
                   number_at<std::uint16_t>(head, 28, false);
         if (m.start > size_ || m.packed > size_ - m.start) {
-            corrupt(fmt::format("'{:.80}' leads beyond the end of the file", m.name));
+            corrupt(fmt::format("'{:.80}' extends beyond the end of the file", m.name));
         }
         at += kFixed + name + extra + comment;
         return m;

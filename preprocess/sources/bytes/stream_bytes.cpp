@@ -32,7 +32,7 @@ GzipStream::GzipStream(const InputFile& file, std::string name, std::uint64_t st
                      : wrapper == DeflateWrapper::zlib ? MAX_WBITS
                                                        : -MAX_WBITS;
     if (::inflateInit2(&stream_, bits) != Z_OK) {
-        throw Error(ErrorKind::io, {name_}, "zlib does not start: too little memory?");
+        throw Error(ErrorKind::io, {name_}, "cannot start zlib; is there too little memory?");
     }
     if (file.is_remote()) {
         remote_ = std::make_unique<ReadAhead>(file);
@@ -95,7 +95,7 @@ void GzipStream::next_member() {
         stream_.next_in += zeros;
         stream_.avail_in -= zeros;
         if (zeros < n) {
-            corrupt("what follows its end is neither gzip nor zeros");
+            corrupt("the bytes after its end are neither gzip nor zeros");
         }
         padding = true;
     }
@@ -106,7 +106,7 @@ std::uint64_t GzipStream::read(std::byte* dst, std::uint64_t bytes) {
     std::uint64_t done = 0;
     while (done < bytes && !ended_) {
         if (stream_.avail_in == 0 && !refill()) {
-            corrupt("the file ends before the stream does; it was cut short");
+            corrupt("the stream is incomplete; the file was cut short");
         }
         const auto part = static_cast<uInt>(std::min<std::uint64_t>(bytes - done, 1U << 30U));
         stream_.next_out = reinterpret_cast<Bytef*>(dst + done);
@@ -118,7 +118,7 @@ std::uint64_t GzipStream::read(std::byte* dst, std::uint64_t bytes) {
         } else if (code == Z_STREAM_END) {
             next_member();
         } else if (code != Z_OK && code != Z_BUF_ERROR) {
-            corrupt(stream_.msg != nullptr ? stream_.msg : "not what it should be");
+            corrupt(stream_.msg != nullptr ? stream_.msg : "invalid data");
         }
     }
     return done;
@@ -164,7 +164,7 @@ class BytesOfStream : public ByteReader {
             if (behind > most) {
                 throw Error(
                     ErrorKind::unsupported, {name_},
-                    fmt::format("more than {} bytes follow the {} that are data", most, at_));
+                    fmt::format("more than {} bytes follow the {} bytes of data", most, at_));
             }
         }
     }
@@ -181,8 +181,8 @@ class BytesOfStream : public ByteReader {
         at_ += n;
         if (n < bytes) {
             throw Error(ErrorKind::corrupt, {name_},
-                        fmt::format("its unpacked data end at byte {}, but {} are needed", at_,
-                                    skip_ + size_));
+                        fmt::format("the decompressed data end at byte {}, but {} bytes are needed",
+                                    at_, skip_ + size_));
         }
     }
 
@@ -251,7 +251,7 @@ class HexStream {
             if (std::isspace(c) == 0) {
                 throw Error(ErrorKind::corrupt,
                             {name_, fmt::format("byte {}", file_.at() - part_->size() + used_ - 1)},
-                            "it is neither a hexadecimal digit nor white space");
+                            "the character is neither a hexadecimal digit nor white space");
             }
         }
     }
@@ -281,7 +281,7 @@ class Bzip2Stream {
                     ended_ = true;  // after a stream
                     break;
                 }
-                corrupt("the file ends before the stream does; it was cut short");
+                corrupt("the stream is incomplete; the file was cut short");
             }
             const auto part =
                 static_cast<unsigned>(std::min<std::uint64_t>(bytes - done, 1U << 30U));
@@ -293,7 +293,7 @@ class Bzip2Stream {
             if (code == BZ_STREAM_END) {
                 restart();
             } else if (code != BZ_OK) {
-                corrupt("its checksum or its bits are wrong");
+                corrupt("wrong checksum or invalid data");
             }
         }
         return done;
@@ -307,7 +307,7 @@ class Bzip2Stream {
     }
     void start() {
         if (::BZ2_bzDecompressInit(&stream_, 0, 0) != BZ_OK) {
-            throw Error(ErrorKind::io, {name_}, "bzip2 does not start: too little memory?");
+            throw Error(ErrorKind::io, {name_}, "cannot start bzip2; is there too little memory?");
         }
     }
     void restart() {
@@ -394,7 +394,7 @@ std::unique_ptr<ByteReader> bzip2_bytes([[maybe_unused]] const StreamPart& part)
     return std::make_unique<BytesOfStream<Bzip2Stream>>(part, part);
 #else
     throw Error(ErrorKind::unsupported, {part.file.name()},
-                "its numbers are packed by bzip2, which this build does not read",
+                "the data are compressed with bzip2, which this build does not support",
                 {{RemedyKind::install_package, "libbz2-dev"}});
 #endif
 }

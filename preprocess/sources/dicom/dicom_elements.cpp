@@ -232,7 +232,8 @@ void DicomFile::fail(std::uint64_t at, const std::string& problem) const {
 
 void DicomFile::read(std::uint64_t at, std::byte* dst, std::uint64_t count) {
     if (at > size() || count > size() - at) {
-        fail(at, fmt::format("{} bytes are to follow, but the file has {}", count, size()));
+        fail(at,
+             fmt::format("{} bytes should follow, but the file ends at byte {}", count, size()));
     }
     reader_->read(at, dst, count);
 }
@@ -240,7 +241,8 @@ void DicomFile::read(std::uint64_t at, std::byte* dst, std::uint64_t count) {
 std::string DicomFile::bytes(std::uint64_t at, std::uint64_t count) {
     if (at < window_at_ || at + count > window_at_ + window_.size()) {
         if (at > size() || count > size() - at) {
-            fail(at, fmt::format("{} bytes are to follow, but the file has {}", count, size()));
+            fail(at, fmt::format("{} bytes should follow, but the file ends at byte {}", count,
+                                 size()));
         }
         std::string window(std::min(std::max(count, kWindow), size() - at), '\0');
         reader_->read(at, reinterpret_cast<std::byte*>(window.data()), window.size());
@@ -253,7 +255,7 @@ std::string DicomFile::bytes(std::uint64_t at, std::uint64_t count) {
 DicomElement DicomFile::element(std::uint64_t at, std::uint64_t end, const Coding& coding) {
     const auto need = [&](std::uint64_t count) {
         if (at + count > end) {
-            fail(at, "the file ends inside of an element");
+            fail(at, "the file ends inside an element");
         }
     };
     need(8);
@@ -279,7 +281,7 @@ DicomElement DicomFile::element(std::uint64_t at, std::uint64_t end, const Codin
     result.undefined = length == kUndefined;
     result.length = result.undefined ? 0 : length;
     if (result.at + result.length > end) {
-        fail(at, fmt::format("the element ({:04x},{:04x}) takes {} bytes, but {} follow",
+        fail(at, fmt::format("the element ({:04x},{:04x}) has {} bytes, but only {} follow",
                              result.tag >> 16U, result.tag & 0xFFFFU, result.length,
                              end - std::min(end, result.at)));
     }
@@ -318,7 +320,7 @@ std::uint64_t DicomFile::set(std::uint64_t at, std::uint64_t end, bool delimited
 std::uint64_t DicomFile::sequence(const DicomElement& of, std::uint64_t end, const Coding& coding,
                                   int depth) {
     if (depth > kMaxDepth) {
-        fail(of.at, fmt::format("sequences lie more than {} deep", kMaxDepth));
+        fail(of.at, fmt::format("sequences are nested more than {} levels deep", kMaxDepth));
     }
     const Visitor* const visitor = visitor_;
     if (!of.undefined && (visitor == nullptr || !visitor->enter(of.tag, -1))) {
@@ -333,7 +335,7 @@ std::uint64_t DicomFile::sequence(const DicomElement& of, std::uint64_t end, con
             return item.at;
         }
         if (item.tag != kItem) {
-            fail(at, "a sequence has something else than items");
+            fail(at, "a sequence contains something other than items");
         }
         const bool enters = visitor != nullptr && visitor->enter(of.tag, number++);
         if (!enters && !item.undefined) {
@@ -361,8 +363,8 @@ void DicomFile::begin() {
     if (!bare) {
         throw Error(
             ErrorKind::corrupt, {name_},
-            "after 128 bytes there is no DICM: it is damaged, or no DICOM file, and then it "
-            "should not lie among them",
+            "there is no DICM after the first 128 bytes; the file is damaged, or it is not a "
+            "DICOM file and should be left out",
             {{RemedyKind::good_copy}});
     }
     if (bare->own_group) {
@@ -383,7 +385,7 @@ void DicomFile::read_own_group(std::uint64_t at) {
         }
         const DicomElement e = element(at, size(), {true, false});
         if (e.undefined) {
-            fail(at, "an element of the file's own group has no length");
+            fail(at, "an element of the file meta information has no length");
         }
         if (e.tag == 0x00020002) {
             class_uid_ = text(e);
@@ -393,7 +395,7 @@ void DicomFile::read_own_group(std::uint64_t at) {
         at = e.at + e.length;
     }
     if (uid.empty()) {
-        fail(at, "the file does not say how it is encoded (0002,0010)");
+        fail(at, "the transfer syntax (0002,0010) is missing");
     }
     start_ = at;
     syntax_ = syntax_of(uid);
@@ -420,7 +422,7 @@ std::string DicomFile::text(const DicomElement& element) {
 void DicomFile::refuse_number(const DicomElement& element, const std::string& text) const {
     throw Error(ErrorKind::corrupt,
                 {name_, fmt::format("({:04x},{:04x})", element.tag >> 16U, element.tag & 0xFFFFU)},
-                fmt::format("\"{}\" is no number", text), {{RemedyKind::good_copy}});
+                fmt::format("\"{}\" is not a number", text), {{RemedyKind::good_copy}});
 }
 
 double DicomFile::decimal(const DicomElement& element, const std::string& text) const {
@@ -491,11 +493,13 @@ std::vector<DicomElement> DicomFile::fragments(const DicomElement& pixels, std::
             return result;
         }
         if (item.tag != kItem || item.undefined) {
-            fail(at, "the pixel data has something else than fragments");
+            fail(at, "the pixel data contain something other than fragments");
         }
         if (result.size() > most) {
-            throw Error(ErrorKind::unsupported, {name_},
-                        fmt::format("pixel data of more than {} fragments", most));
+            throw Error(
+                ErrorKind::unsupported, {name_},
+                fmt::format("the pixel data have more than {} fragments, which is the limit",
+                            most));
         }
         result.push_back(item);
         at = item.at + item.length;

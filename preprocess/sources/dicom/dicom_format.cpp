@@ -144,7 +144,8 @@ std::vector<std::filesystem::path> files_below(const std::filesystem::path& fold
     const std::error_code error = for_files_below(folder, [&](const std::filesystem::path& file) {
         if (files.size() >= kMaxFolderFiles) {
             throw Error(ErrorKind::unsupported, {folder.string()},
-                        fmt::format("more than {} files", kMaxFolderFiles));
+                        fmt::format("the folder has more than {} files, which is the limit",
+                                    kMaxFolderFiles));
         }
         files.push_back(file);
         return true;
@@ -203,10 +204,11 @@ std::vector<DicomSlice> chosen_slices(const DicomStack& stack, const DicomNumber
                               [](const std::optional<std::size_t>& a) { return a == 0; });
     if (takes_times || chosen.nodes.x != numbers.columns || chosen.nodes.y != numbers.rows ||
         chosen.nodes.z != stack.count) {
-        throw Error(ErrorKind::unsupported, {name},
-                    "an index chooses a time; a part of the slices is a crop",
-                    {z == 1 ? Remedy{RemedyKind::choose_index, "t=0"}
-                            : Remedy{RemedyKind::leave_out, "index"}});
+        throw Error(
+            ErrorKind::unsupported, {name},
+            "an index can only choose a time; to read a part of the slices, crop the volume",
+            {z == 1 ? Remedy{RemedyKind::choose_index, "t=0"}
+                    : Remedy{RemedyKind::leave_out, "index"}});
     }
     const std::int64_t time = z == 1 ? chosen.at[0] : 0;
     const auto from = stack.slices.begin() + static_cast<std::ptrdiff_t>(time * stack.count);
@@ -216,21 +218,20 @@ std::vector<DicomSlice> chosen_slices(const DicomStack& stack, const DicomNumber
 std::vector<std::string> notes_of(const DicomGroup& series, const DicomStack& stack) {
     std::vector<std::string> notes = stack.notes;
     if (stack.times > 1) {
-        notes.push_back(fmt::format("it is one of {} volumes along the axis t: {}", stack.times,
+        notes.push_back(fmt::format("this is one of {} volumes along the axis t: {}", stack.times,
                                     stack.times_are));
     }
     if (series.dark_is_large) {
-        notes.emplace_back("larger values are meant to be shown darker (MONOCHROME1)");
+        notes.emplace_back("larger values are displayed darker (MONOCHROME1)");
     }
     if (series.numbers.table_bits != 0) {
-        notes.push_back(fmt::format("values are those of the file's table (Modality LUT){}{}",
-                                    series.table_type.empty() ? "" : " of type ",
-                                    series.table_type));
+        notes.push_back(
+            fmt::format("values are taken from the file's lookup table (Modality LUT){}{}",
+                        series.table_type.empty() ? "" : " of type ", series.table_type));
     }
     if (series.padding) {
         notes.push_back(
-            fmt::format("what is stored as {} lies outside of the image (padding); it "
-                        "is kept as a value",
+            fmt::format("the stored number {} is padding outside the image; it is kept as a value",
                         *series.padding));
     }
     return notes;
@@ -244,7 +245,7 @@ void check_slopes(const std::vector<DicomSlice>& slices,
             throw Error(
                 ErrorKind::corrupt,
                 {files[slice.file].string(), fmt::format("frame {}, RescaleSlope", slice.frame)},
-                "values that are 0 times the stored number");
+                "the slope is 0");
         }
     }
 }
@@ -285,8 +286,8 @@ void require_no_other_slices(const std::filesystem::path& file, const DicomGroup
             }
             if (places.size() > 1) {
                 throw Error(ErrorKind::invalid_argument, {file.string()},
-                            fmt::format("one slice of {}: give the folder, {}; a crop of it is one "
-                                        "slice",
+                            fmt::format("the file is one slice of {}; give the folder, {}, and "
+                                        "crop it to get one slice",
                                         places.size(), folder.string()));
             }
         }
@@ -303,7 +304,7 @@ std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceO
     const std::optional<std::int64_t> chosen_stack = taken_entry(index, "stack", name);
     DicomFolder folder = find_dicom_series(files, options.max_heap);
     if (folder.series.empty()) {
-        throw Error(ErrorKind::unsupported, {name}, "there are no DICOM images in it");
+        throw Error(ErrorKind::unsupported, {name}, "it contains no DICOM images");
     }
     DicomSeries& whole_series = choose_series(folder.series, options.series, name);
     drop_copies(whole_series, files);
@@ -360,12 +361,12 @@ std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceO
         });
     if (own_scalings) {
         check_slopes(volume.slices, used);
-        volume.notes.emplace_back("each slice has a scaling of its own, which is applied");
+        volume.notes.emplace_back("each slice has its own scaling, which is applied");
     }
     auto source = std::make_unique<DicomSource>(std::move(used), std::move(volume), own_scalings);
     if (source->heap() > options.max_heap) {
         throw Error(ErrorKind::limit, {name},
-                    fmt::format("a slice of {} takes {} bytes to unpack", series.numbers.text(),
+                    fmt::format("reading a slice of {} needs {} bytes", series.numbers.text(),
                                 source->heap()),
                     {{RemedyKind::more_memory}});
     }

@@ -65,24 +65,25 @@ std::string unpack_dicom_rle(std::span<const char> frame, std::size_t size,
                              std::span<std::byte> dst) {
     const std::string_view text(frame.data(), frame.size());
     if (text.size() < kHeader) {
-        return "the frame ends inside of its list of segments";
+        return "the frame ends inside its list of segments";
     }
     const auto segments = number_at<std::uint32_t>(text, 0, false);
     if (segments != size) {
-        return fmt::format("there are {} segments, numbers have {} bytes", segments, size);
+        return fmt::format("the frame has {} segments, but its numbers have {} bytes", segments,
+                           size);
     }
     for (std::size_t s = 0; s < size; ++s) {
         const std::size_t begin = number_at<std::uint32_t>(text, 4 + 4 * s, false);
         const std::size_t end =
             s + 1 < size ? number_at<std::uint32_t>(text, 8 + 4 * s, false) : text.size();
         if (begin < kHeader || begin > end || end > text.size()) {
-            return fmt::format("segment {} lies at bytes {} to {} of {}", s, begin, end,
-                               text.size());
+            return fmt::format("segment {} has an invalid position: bytes {} to {} of {}", s, begin,
+                               end, text.size());
         }
         // The most significant byte comes first.
         if (!unpack_segment(text.substr(begin, end - begin), dst.size() / size, size,
                             dst.data() + size - 1 - s)) {
-            return fmt::format("segment {} ends too early", s);
+            return fmt::format("segment {} is cut short", s);
         }
     }
     return {};
@@ -115,7 +116,7 @@ std::string unpack_dicom_frame(const std::string& syntax, const DicomNumbers& nu
         return unpack_rle(numbers, frame, dst);
     }
     static const auto unpack = reinterpret_cast<decltype(&isonest_unpack_dicom)>(
-        load_from_module({"isonest_gdcm.so", "unpacks DICOM's frames of JPEG", "isonest",
+        load_from_module({"isonest_gdcm.so", "decodes JPEG frames of DICOM", "isonest",
                           "libgdcm-dev libopenjp2-7-dev"},
                          "isonest_unpack_dicom", name));
     std::string problem;
@@ -136,7 +137,9 @@ std::string unpack_dicom_frame(const std::string& syntax, const DicomNumbers& nu
         return unpack_rle(numbers, frame, dst);
     }
     throw Error(ErrorKind::unsupported, {name},
-                fmt::format("the numbers are packed ({}), which this build does not read", syntax),
+                fmt::format("the pixel data are compressed with transfer syntax {}, which this "
+                            "build does not support",
+                            syntax),
                 {{RemedyKind::install_package, "libgdcm-dev libopenjp2-7-dev"}});
 }
 
@@ -168,25 +171,26 @@ void DicomFrames::open(std::uint32_t file) {
     read_dicom_header(*file_, ~std::uint64_t{0}, header_);
     header_.per_frame = {};
     if (header_.pixels.tag == 0 || header_.numbers != numbers_) {
-        file_->fail(0, "the file was changed while it was read");
+        file_->fail(0, "the file changed while it was being read");
     }
     if (file_->syntax().native) {
         const std::uint64_t need = stored_.bytes_of(images());
         if (header_.pixels.length < need) {
             file_->fail(
                 header_.pixels.at,
-                fmt::format("{} frames of {} x {} pixels need {} bytes, but there are {}", images(),
-                            stored_.columns, stored_.rows, need, header_.pixels.length));
+                fmt::format("{} frames of {} x {} pixels need {} bytes, but there are only {}",
+                            images(), stored_.columns, stored_.rows, need, header_.pixels.length));
         }
         if (file_->syntax().big_endian && header_.pixels.vr == "OW" && numbers_.allocated <= 8) {
             throw Error(ErrorKind::unsupported, {file_->name()},
-                        "numbers of 8 bits in big-endian words of 16: repack the file, for "
-                        "example with gdcmconv");
+                        "8-bit numbers in big-endian 16-bit words are not supported; convert the "
+                        "file, for example with gdcmconv");
         }
     } else if (numbers_.allocated == 1) {
-        throw Error(ErrorKind::unsupported, {file_->name()},
-                    fmt::format("single bits that are packed as {} (transfer syntax)",
-                                file_->syntax().uid));
+        throw Error(
+            ErrorKind::unsupported, {file_->name()},
+            fmt::format("single-bit pixels compressed with transfer syntax {} are not supported",
+                        file_->syntax().uid));
     } else {
         find_frames(file_->fragments(header_.pixels, kMaxFragments));
     }
@@ -198,7 +202,7 @@ void DicomFrames::find_frames(const std::vector<DicomElement>& fragments) {
     const auto frames = static_cast<std::size_t>(images());
     first_.clear();
     if (fragments.empty()) {
-        file_->fail(header_.pixels.at, "the pixel data has no table of offsets");
+        file_->fail(header_.pixels.at, "the pixel data have no offset table");
     }
     fragments_.assign(fragments.begin() + 1, fragments.end());
     if (fragments_.size() == frames) {
@@ -213,9 +217,11 @@ void DicomFrames::find_frames(const std::vector<DicomElement>& fragments) {
     }
     const DicomElement& table = fragments[0];
     if (table.length != 4 * frames) {
-        file_->fail(table.at, fmt::format("{} fragments, {} frames and no table of offsets that "
-                                          "says which belong to which",
-                                          fragments_.size(), frames));
+        file_->fail(
+            table.at,
+            fmt::format(
+                "there are {} fragments and {} frames, but no valid offset table that assigns them",
+                fragments_.size(), frames));
     }
     // Offsets are relative to the first fragment's header.
     for (std::size_t i = 0; i < frames; ++i) {
@@ -228,7 +234,10 @@ void DicomFrames::find_frames(const std::vector<DicomElement>& fragments) {
         const auto index = static_cast<std::size_t>(found - fragments_.begin());
         if (found == fragments_.end() || found->at != head ||
             (i == 0 ? index != 0 : index <= first_.back())) {
-            file_->fail(table.at, fmt::format("the offset of frame {} is not where one begins", i));
+            file_->fail(
+                table.at,
+                fmt::format("the offset of frame {} does not point to the beginning of a fragment",
+                            i));
         }
         first_.push_back(index);
     }
@@ -248,8 +257,9 @@ void DicomFrames::unpack(std::int64_t frame) {
     // Normally compressed frames are smaller; allow for incompressible ones.
     const std::uint64_t most = 2 * stored_.frame_bytes() + 65536;
     if (bytes > most || bytes > 0xFFFFFFFE) {
-        file_->fail(header_.pixels.at, fmt::format("frame {} takes {} bytes, unpacked only {}",
-                                                   frame, bytes, stored_.frame_bytes()));
+        file_->fail(header_.pixels.at,
+                    fmt::format("frame {} has {} compressed bytes, but only {} uncompressed bytes",
+                                frame, bytes, stored_.frame_bytes()));
     }
     packed_.resize(bytes);
     std::uint64_t at = 0;

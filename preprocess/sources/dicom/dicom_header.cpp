@@ -50,20 +50,23 @@ class HeaderVisitor {
         }
         if (sequence == kFrameGroups) {
             if (item >= kMaxFrames) {
-                file_.fail(0, fmt::format("more than {} frames", kMaxFrames));
+                file_.fail(0, fmt::format("the file has more than {} frames, which is the limit",
+                                          kMaxFrames));
             }
             // While the list grows, old and new storage exist together, the new one with twice the
             // size.
             if (3 * sizeof(DicomPlace) * header_.per_frame.size() > max_bytes_) {
-                throw Error(ErrorKind::limit, {file_.name(), "PerFrameFunctionalGroupsSequence"},
-                            fmt::format("where more than {} frames lie takes more than {} bytes",
-                                        header_.per_frame.size(), max_bytes_),
-                            {{RemedyKind::more_memory}});
+                throw Error(
+                    ErrorKind::limit, {file_.name(), "PerFrameFunctionalGroupsSequence"},
+                    fmt::format("the positions of more than {} frames need more than {} bytes",
+                                header_.per_frame.size(), max_bytes_),
+                    {{RemedyKind::more_memory}});
             }
             header_.per_frame.emplace_back();
         } else if (sequence == kSegments) {
             if (header_.segmentation.segments.size() >= kMaxSegments) {
-                file_.fail(0, fmt::format("more than {} segments", kMaxSegments));
+                file_.fail(0, fmt::format("the file has more than {} segments, which is the limit",
+                                          kMaxSegments));
             }
             header_.segmentation.segments.emplace_back();
         } else if (item > 0) {
@@ -89,22 +92,20 @@ class HeaderVisitor {
         if (!mosaic || !mosaic->normal || !place.position || !place.orientation || !place.spacing ||
             !(place.step || place.thickness)) {
             throw Error(ErrorKind::unsupported, {file_.name()},
-                        "a mosaic of slices in one image (ImageType MOSAIC) that does not say how "
-                        "many there are and where they lie: Siemens' private header (0029,1010) "
-                        "is missing or damaged");
+                        "the image is a mosaic of slices (ImageType MOSAIC), but their number and "
+                        "positions are unknown: the Siemens private header (0029,1010) is missing "
+                        "or damaged");
         }
         const auto side =
             static_cast<std::int64_t>(std::ceil(std::sqrt(static_cast<double>(mosaic->images))));
         if (n.columns % side != 0 || n.rows % side != 0 || mosaic->images > kMaxFrames) {
-            file_.fail(csa_.at, fmt::format("a mosaic of {} slices in {} x {} pixels",
+            file_.fail(csa_.at, fmt::format("a mosaic of {} slices does not fit in {} x {} pixels",
                                             mosaic->images, n.columns, n.rows));
         }
         const auto& [row, column] = *place.orientation;
         const double along = dot(cross(row, column), *mosaic->normal);
         if (std::fabs(along) < 0.9) {
-            file_.fail(csa_.at,
-                       "the slices of a mosaic do not follow each other along their "
-                       "normal");
+            file_.fail(csa_.at, "the slices of the mosaic are not stacked along their normal");
         }
         header_.mosaic_backward = along < 0;
         const std::array<double, 2> shift{
@@ -181,7 +182,8 @@ class HeaderVisitor {
         switch (e.tag) {
             case 0x00283002:
                 if (e.length < 6) {
-                    file_.fail(e.at, "a table of values whose descriptor is no three numbers");
+                    file_.fail(e.at,
+                               "the descriptor of the lookup table does not have three numbers");
                 }
                 for (std::size_t i = 0; i < 3; ++i) {
                     table_.at(i) = number_at<std::uint16_t>(file_.bytes(e.at, 6), 2 * i,
@@ -204,7 +206,8 @@ class HeaderVisitor {
         const bool big = file_.syntax().big_endian;
         const bool wide = e.length >= 2 * count;
         if (e.length < count || (!wide && table_[2] > 8)) {
-            file_.fail(e.at, fmt::format("a table of {} values has {} bytes", count, e.length));
+            file_.fail(e.at, fmt::format("the lookup table of {} values has only {} bytes", count,
+                                         e.length));
         }
         const std::string all = file_.bytes(e.at, wide ? 2 * count : count + count % 2);
         header_.table.values.resize(count);
@@ -237,7 +240,8 @@ class HeaderVisitor {
             return std::nullopt;
         }
         if (all.size() < N) {
-            file_.fail(e.at, fmt::format("there are {} numbers, of {}", all.size(), N));
+            file_.fail(e.at,
+                       fmt::format("there are {} numbers, but {} are expected", all.size(), N));
         }
         std::copy_n(all.begin(), N, result.begin());
         return result;
@@ -411,7 +415,7 @@ class HeaderVisitor {
                                                  : Kind::none;
         if (kind == Kind::none) {
             throw Error(ErrorKind::unsupported, {file_.name(), "SegmentationType"},
-                        fmt::format("a segmentation of type '{}'", text));
+                        fmt::format("the segmentation type '{}' is not supported", text));
         }
         return kind;
     }
@@ -474,14 +478,15 @@ void check(const DicomFile& file, DicomHeader& header) {
         throw Error(kind, {file.name(), inside}, problem);
     };
     if (n.rows < 1 || n.columns < 1) {
-        refuse(ErrorKind::corrupt, "Rows, Columns", "an image without rows or columns");
+        refuse(ErrorKind::corrupt, "Rows, Columns", "the image has no rows or no columns");
     }
     if (header.frames < 1 || header.frames > kMaxFrames) {
-        refuse(ErrorKind::corrupt, "NumberOfFrames", fmt::format("{} frames", header.frames));
+        refuse(ErrorKind::corrupt, "NumberOfFrames",
+               fmt::format("invalid number of frames: {}", header.frames));
     }
     if (n.samples != 1 || header.photometric == "PALETTE COLOR") {
         refuse(ErrorKind::unsupported, "PhotometricInterpretation",
-               fmt::format("a picture in colours ({}) is no scalar volume", header.photometric));
+               fmt::format("a colour image ({}) is not a scalar volume", header.photometric));
     }
     if (n.floating) {
         n.allocated = n.stored = header.pixels.tag == kFloatPixelData ? 32 : 64;
@@ -492,26 +497,26 @@ void check(const DicomFile& file, DicomHeader& header) {
         n.is_signed = false;
     } else if (n.allocated != 8 && n.allocated != 16 && n.allocated != 32) {
         refuse(ErrorKind::unsupported, "BitsAllocated",
-               fmt::format("{} bits for each number: 8, 16 and 32 are read", n.allocated));
+               fmt::format("{} bits per number are not supported; 8, 16 and 32 are", n.allocated));
     } else if (n.stored < 1 || n.stored > n.allocated || n.high >= n.allocated ||
                n.high + 1 < n.stored) {
         refuse(ErrorKind::corrupt, "BitsStored",
-               fmt::format("{} bits up to bit {} do not lie in {} bits", n.stored, n.high,
+               fmt::format("{} bits up to bit {} do not fit in {} bits", n.stored, n.high,
                            n.allocated));
     }
     if (!header.per_frame.empty() &&
         static_cast<std::int64_t>(header.per_frame.size()) != header.frames) {
         refuse(ErrorKind::corrupt, "PerFrameFunctionalGroupsSequence",
-               fmt::format("{} frames are described, but there are {}", header.per_frame.size(),
+               fmt::format("{} frames are described, but the file has {}", header.per_frame.size(),
                            header.frames));
     }
     if (n.table_bits != 0 && (n.floating || n.allocated > 16)) {
         refuse(ErrorKind::unsupported, "ModalityLUTSequence",
-               fmt::format("a table of values for numbers of {} bits", n.allocated));
+               fmt::format("a lookup table for numbers of {} bits is not supported", n.allocated));
     }
     if (n.table_bits > 16 || (n.table_bits == 0 && !header.table.values.empty())) {
         refuse(ErrorKind::corrupt, "ModalityLUTSequence",
-               fmt::format("a table of values of {} bits", n.table_bits));
+               fmt::format("invalid lookup table with values of {} bits", n.table_bits));
     }
     if (header.padding && n.is_signed) {
         header.padding = static_cast<std::int16_t>(*header.padding);
@@ -570,7 +575,8 @@ void read_dicom_header(DicomFile& file, std::uint64_t max_bytes, DicomHeader& he
             }
         }
         throw Error(ErrorKind::unsupported, {file.name()},
-                    "a deflated DICOM file: unpack it first, for example with gdcmconv");
+                    "a deflated DICOM file is not supported; decompress it first, for example with "
+                    "gdcmconv");
     }
     header.pixels = file.visit(visit);
     if (header.pixels.tag != 0) {
@@ -578,7 +584,7 @@ void read_dicom_header(DicomFile& file, std::uint64_t max_bytes, DicomHeader& he
         check(file, header);
         visitor.cut_mosaic();
     } else if (is_image_class(file.class_uid())) {
-        file.fail(file.size(), "an image without pixels: the file may have been cut short");
+        file.fail(file.size(), "the image has no pixel data; was the file cut short?");
     }
 }
 

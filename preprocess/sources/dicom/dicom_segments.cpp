@@ -128,8 +128,8 @@ class SegmentSource : public VolumeSource {
     }
     [[noreturn]] void refuse_overlap(std::int64_t a, std::int64_t b) const {
         throw Error(ErrorKind::unsupported, {volume_.name},
-                    fmt::format("the segments {} and {} overlap, so they are no volume of labels; "
-                                "take one segment",
+                    fmt::format("the segments {} and {} overlap, so they cannot be one volume of "
+                                "labels; choose one segment",
                                 a, b),
                     {{RemedyKind::choose_index, fmt::format("segment={}", a)}});
     }
@@ -179,10 +179,11 @@ double grid_step(const std::vector<double>& places, const std::optional<double>&
             return step;
         }
     }
-    throw Error(ErrorKind::unsupported, {name},
-                fmt::format("the frames of the segmentation are not at even distances: the "
-                            "smallest is {:.6g}",
-                            least));
+    throw Error(
+        ErrorKind::unsupported, {name},
+        fmt::format(
+            "the frames of the segmentation are not evenly spaced; the smallest distance is {:.6g}",
+            least));
 }
 
 /// Assigns frames to the planes of a grid. Returns the stack's place; its slices stay empty.
@@ -194,14 +195,14 @@ DicomStack on_grid(const DicomGroup& group, SegmentVolume& volume) {
                         std::all_of(group.slices.begin(), group.slices.end(),
                                     [](const DicomSlice& s) { return s.position.has_value(); });
     if (!placed) {
-        refuse("a segmentation whose frames do not say where they lie");
+        refuse("the frames of the segmentation lack a position, orientation or pixel spacing");
     }
     const auto& [row, column] = *group.orientation;
     Double3 normal{row[1] * column[2] - row[2] * column[1], row[2] * column[0] - row[0] * column[2],
                    row[0] * column[1] - row[1] * column[0]};
     const double length = std::hypot(normal[0], normal[1], normal[2]);
     if (!(length > 0.5)) {
-        refuse("rows and columns run in one direction (ImageOrientationPatient)");
+        refuse("rows and columns are parallel (ImageOrientationPatient)");
     }
     for (double& v : normal) {
         v /= length;
@@ -225,7 +226,8 @@ DicomStack on_grid(const DicomGroup& group, SegmentVolume& volume) {
     const double planes = std::round((places.back() - places.front()) / step) + 1;
     constexpr double kMaxPlanes = 1 << 20U;
     if (!(planes <= kMaxPlanes)) {
-        refuse(fmt::format("the frames of the segmentation lie on {:.0f} planes", planes));
+        refuse(fmt::format("the frames of the segmentation span {:.0f} planes, which is too many",
+                           planes));
     }
     DicomStack stack;
     stack.placed = true;
@@ -252,14 +254,15 @@ DicomStack on_grid(const DicomGroup& group, SegmentVolume& volume) {
         const double shift = std::hypot(aside[0] - forth * normal[0], aside[1] - forth * normal[1],
                                         aside[2] - forth * normal[2]);
         if (shift > kMaxAside * pixel) {
-            refuse(fmt::format("frame {} of the segmentation lies {:.3g} beside the others",
+            refuse(fmt::format("frame {} of the segmentation is shifted sideways by {:.3g}",
                                slice.frame + 1, shift));
         }
         volume.frames.push_back(frame);
     }
     if (const auto empty = stack.count - static_cast<std::int64_t>(places.size()); empty > 0) {
-        volume.notes.push_back(fmt::format(
-            "{} of {} slices have no frame in the segmentation: they are 0", empty, stack.count));
+        volume.notes.push_back(
+            fmt::format("{} of {} slices have no frame in the segmentation; their values are 0",
+                        empty, stack.count));
     }
     return stack;
 }
@@ -270,7 +273,7 @@ void choose_segment(const DicomSegmentation& about, std::optional<std::int64_t> 
     const auto refuse = [&](ErrorKind kind, const std::string& problem) {
         throw Error(
             kind, {volume.name},
-            fmt::format("{}; there are: {}", problem, text_of(volume.segments)),
+            fmt::format("{}; the segments are: {}", problem, text_of(volume.segments)),
             {{RemedyKind::choose_index,
               fmt::format("segment={}", volume.segments.empty() ? 1 : volume.segments[0].number)}});
     };
@@ -285,7 +288,7 @@ void choose_segment(const DicomSegmentation& about, std::optional<std::int64_t> 
     }
     if (volume.kind == Kind::fractional && !chosen && volume.segments.size() > 1) {
         refuse(ErrorKind::unsupported,
-               "each segment is a volume of its own (SegmentationType FRACTIONAL)");
+               "each segment is a separate volume (SegmentationType FRACTIONAL)");
     }
     if (volume.kind == Kind::fractional && !(volume.most >= 1)) {
         throw Error(ErrorKind::corrupt, {volume.name, "MaximumFractionalValue"},
@@ -295,10 +298,10 @@ void choose_segment(const DicomSegmentation& about, std::optional<std::int64_t> 
     if (volume.kind != Kind::label_map) {
         for (const SegmentFrame& frame : volume.frames) {
             if (!is_listed(frame.segment)) {
-                throw Error(ErrorKind::corrupt, {volume.name},
-                            fmt::format("frame {} is of segment {}, which SegmentSequence does "
-                                        "not have",
-                                        frame.frame + 1, frame.segment));
+                throw Error(
+                    ErrorKind::corrupt, {volume.name},
+                    fmt::format("frame {} belongs to segment {}, which is not in SegmentSequence",
+                                frame.frame + 1, frame.segment));
             }
         }
         if (chosen) {
@@ -323,7 +326,7 @@ void choose_segment(const DicomSegmentation& about, std::optional<std::int64_t> 
                                           });
     if (twice != volume.frames.end()) {
         throw Error(ErrorKind::unsupported, {volume.name},
-                    fmt::format("the frames {} and {} of one segment lie at the same place",
+                    fmt::format("the frames {} and {} of one segment have the same position",
                                 twice->frame + 1, std::next(twice)->frame + 1));
     }
 }
@@ -337,7 +340,7 @@ std::optional<std::int64_t> taken_entry(std::vector<AxisIndex>& index, std::stri
         if (entry.axis == axis) {
             if (at || !entry.at) {
                 throw Error(ErrorKind::invalid_argument, {name},
-                            fmt::format("the index needs one position of '{}'", axis),
+                            fmt::format("the index needs exactly one position of '{}'", axis),
                             {{RemedyKind::choose_index, fmt::format("{}=0", axis)}});
             }
             at = entry.at;
@@ -385,10 +388,10 @@ std::unique_ptr<VolumeSource> open_dicom_segments(const DicomGroup& group,
         std::find_if(group.slices.begin(), group.slices.end(),
                      [&](const DicomSlice& slice) { return slice.file != group.slices[0].file; });
     if (other != group.slices.end()) {
-        throw Error(ErrorKind::unsupported, {name},
-                    fmt::format("there are several segmentations in the series: name one file, "
-                                "such as {} or {}",
-                                files[group.slices[0].file].string(), files[other->file].string()));
+        throw Error(
+            ErrorKind::unsupported, {name},
+            fmt::format("the series has several segmentations; give one file, such as {} or {}",
+                        files[group.slices[0].file].string(), files[other->file].string()));
     }
     SegmentVolume volume;
     volume.name = name;
@@ -402,18 +405,18 @@ std::unique_ptr<VolumeSource> open_dicom_segments(const DicomGroup& group,
                                         ArrayAxis{"y", group.numbers.rows},
                                         ArrayAxis{"x", group.numbers.columns}};
     if (!(choose_axes(axes, index, name).nodes == volume.nodes)) {
-        throw Error(ErrorKind::unsupported, {name},
-                    "an index chooses a segment; a part of the slices is a crop",
-                    {{RemedyKind::choose_index, "segment=1"}});
+        throw Error(
+            ErrorKind::unsupported, {name},
+            "an index can only choose a segment; to read a part of the slices, crop the volume",
+            {{RemedyKind::choose_index, "segment=1"}});
     }
     volume.placed = place_stack(volume.nodes, stack, options.spacing.has_value(), name);
     const bool fractional = volume.kind == Kind::fractional;
     notes.push_back(
         fractional
-            ? fmt::format("values say how much of a segment is there, up to 1; there are: {}",
+            ? fmt::format("values are fractions of a segment, from 0 to 1; the segments are: {}",
                           text_of(volume.segments))
-            : fmt::format("values are the numbers of segments (labels): {}",
-                          text_of(volume.segments)));
+            : fmt::format("values are segment numbers (labels): {}", text_of(volume.segments)));
     std::move(volume.notes.begin(), volume.notes.end(), std::back_inserter(notes));
     std::move(volume.placed.notes.begin(), volume.placed.notes.end(), std::back_inserter(notes));
     FoundLabels labels;
@@ -432,7 +435,7 @@ std::unique_ptr<VolumeSource> open_dicom_segments(const DicomGroup& group,
     auto source = std::make_unique<SegmentSource>(files[group.slices[0].file], std::move(volume));
     if (source->heap() > options.max_heap) {
         throw Error(ErrorKind::limit, {name},
-                    fmt::format("the frames of the segmentation take {} bytes", source->heap()),
+                    fmt::format("the frames of the segmentation need {} bytes", source->heap()),
                     {{RemedyKind::more_memory}});
     }
     return mirrored(with_label_names(std::move(source), labels.names()), backward);

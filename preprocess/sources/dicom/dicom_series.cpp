@@ -117,20 +117,20 @@ bool same(const std::optional<std::array<double, 2>>& a,
 /// How `b` differs from `a`, which is called `name`; empty if they are alike.
 std::string difference_of(const DicomGroup& a, const DicomGroup& b, const std::string& name) {
     if (b.numbers != a.numbers) {
-        return fmt::format("has {}, {} has {}", b.numbers.text(), name, a.numbers.text());
+        return fmt::format("has {}, but {} has {}", b.numbers.text(), name, a.numbers.text());
     }
     if (!same(b.orientation, a.orientation)) {
-        return fmt::format("lies in another direction than {}", name);
+        return fmt::format("has another orientation than {}", name);
     }
     if (!same(b.spacing, a.spacing)) {
         return fmt::format("has another pixel spacing than {}", name);
     }
     if ((b.segmentation == nullptr) != (a.segmentation == nullptr)) {
-        return fmt::format("is {} segmentation", b.segmentation == nullptr ? "no" : "a");
+        return fmt::format("is {} segmentation", b.segmentation == nullptr ? "not a" : "a");
     }
     if (b.localizer != a.localizer) {
-        return fmt::format("is {} localizer, {} is {}", b.localizer ? "a" : "no", name,
-                           a.localizer ? "one" : "none");
+        return fmt::format("is {} localizer, but {} is {}", b.localizer ? "a" : "not a", name,
+                           a.localizer ? "one" : "not");
     }
     return {};
 }
@@ -176,8 +176,8 @@ void add_frames(const DicomHeader& header, std::uint32_t file, const std::string
         if (group == nullptr) {
             refuse_file(series.damaged,
                         Error(ErrorKind::unsupported, {name},
-                              fmt::format("the images of the series {} lie in more than {} "
-                                          "directions: name the files that belong together",
+                              fmt::format("the images of the series {} have more than {} "
+                                          "orientations; give only the files that belong together",
                                           series.uid, series.groups.size())));
             return;
         }
@@ -309,14 +309,15 @@ DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files,
         }
         slices += static_cast<std::size_t>(header.frames);
         if (slices > kMaxDicomSlices) {
-            throw Error(ErrorKind::limit, {files[i].string()},
-                        fmt::format("there are more than {} slices", kMaxDicomSlices));
+            throw Error(
+                ErrorKind::limit, {files[i].string()},
+                fmt::format("there are more than {} slices, which is the limit", kMaxDicomSlices));
         }
         if (slices * kBytesOfSlice > max_bytes) {
-            throw Error(ErrorKind::limit, {files[i].string()},
-                        fmt::format("what is kept of {} slices takes more than {} bytes", slices,
-                                    max_bytes),
-                        {{RemedyKind::more_memory}});
+            throw Error(
+                ErrorKind::limit, {files[i].string()},
+                fmt::format("the headers of {} slices need more than {} bytes", slices, max_bytes),
+                {{RemedyKind::more_memory}});
         }
         add_frames(header, static_cast<std::uint32_t>(i), files[i].string(),
                    series_of(header, folder, known));
@@ -345,7 +346,7 @@ DicomSeries& choose_series(std::vector<DicomSeries>& series, const std::string& 
             return *found;
         }
         throw Error(ErrorKind::invalid_argument, {name},
-                    fmt::format("there are {} series:{}", series.size(), text_of(series)),
+                    fmt::format("the input has {} series:{}", series.size(), text_of(series)),
                     {{RemedyKind::choose_series}});
     }
     for (DicomSeries& s : series) {
@@ -354,16 +355,17 @@ DicomSeries& choose_series(std::vector<DicomSeries>& series, const std::string& 
         }
         if (s.uid.ends_with(wanted)) {
             if (found != nullptr) {
-                throw Error(ErrorKind::invalid_argument, {name},
-                            fmt::format("several series end with {}:{}", wanted, text_of(series)),
-                            {{RemedyKind::choose_series}});
+                throw Error(
+                    ErrorKind::invalid_argument, {name},
+                    fmt::format("several series UIDs end with {}:{}", wanted, text_of(series)),
+                    {{RemedyKind::choose_series}});
             }
             found = &s;
         }
     }
     if (found == nullptr) {
         throw Error(ErrorKind::not_found, {name},
-                    fmt::format("there is no series {}; there are:{}", wanted, text_of(series)),
+                    fmt::format("there is no series {}; the input has:{}", wanted, text_of(series)),
                     {{RemedyKind::choose_series}});
     }
     return *found;
@@ -394,8 +396,8 @@ void drop_copies(DicomSeries& series, const std::vector<std::filesystem::path>& 
         const std::filesystem::path& other = files[members[i].file];
         if (!same_dicom_object(kept, other)) {
             throw Error(ErrorKind::unsupported, {other.string()},
-                        fmt::format("it has the same SOP instance UID as {}, but other contents: "
-                                    "leave one of them out",
+                        fmt::format("it has the same SOP instance UID as {}, but different "
+                                    "contents; leave one of them out",
                                     kept.string()));
         }
         copies.push_back(members[i].file);
@@ -429,20 +431,20 @@ const DicomGroup& choose_group(const DicomSeries& series, std::optional<std::int
         throw Error(
             ErrorKind::unsupported, series.unsupported.first->place(),
             series.unsupported.first->problem() +
-                (count > 0 ? "; the series' other images are:" + text_of_groups(series, files)
+                (count > 0 ? "; the other images of the series are:" + text_of_groups(series, files)
                            : ""),
             remedies);
     }
     if (count > 1 && !stack) {
         throw Error(ErrorKind::unsupported, {name},
-                    fmt::format("the images of the series are no single volume, but {} stacks:{}",
-                                count, text_of_groups(series, files)),
+                    fmt::format("the images of the series form {} stacks, not one volume:{}", count,
+                                text_of_groups(series, files)),
                     {{RemedyKind::choose_index, "stack=0"}});
     }
     const std::int64_t at = stack.value_or(0) < 0 ? *stack + count : stack.value_or(0);
     if (at < 0 || at >= count) {
         throw Error(ErrorKind::invalid_argument, {name},
-                    fmt::format("there is no stack {}; there are:{}", *stack,
+                    fmt::format("there is no stack {}; the series has:{}", *stack,
                                 text_of_groups(series, files)),
                     {{RemedyKind::choose_index, "stack=0"}});
     }
@@ -457,7 +459,7 @@ std::vector<std::string> notes_of_left_out(const DicomFolder& folder, const Dico
         notes.push_back(left_out(folder.others, "file") + ": no DICOM images");
     }
     if (series.copies > 0) {
-        notes.push_back(fmt::format("{}: exact copies of others, the first is {}",
+        notes.push_back(fmt::format("{}: exact copies of other files, such as {}",
                                     left_out(series.copies, "file"), series.first_copy));
     }
     if (series.unsupported.files > 0) {

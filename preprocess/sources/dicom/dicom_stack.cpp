@@ -78,10 +78,10 @@ PlacedStack place_stack(const Int3& nodes, const DicomStack& stack, bool spaced,
     }
     if (tilted) {
         result.notes.push_back(fmt::format(
-            "the tilt of its slices by {:.1f} degrees is dropped{}, so that the last slice lies "
-            "{:.4g} beside its place; the file's spacing is {:.6g},{:.6g},{:.6g}",
+            "the tilt of the slices by {:.1f} degrees is dropped{}; the last slice is then {:.4g} "
+            "away from its true position; the file's spacing is {:.6g},{:.6g},{:.6g}",
             tilt.degrees,
-            result.frame == AnatomicalFrame::lps ? "" : ", and so are the directions of its axes",
+            result.frame == AnatomicalFrame::lps ? "" : ", and so are the directions of the axes",
             tilt.shift, spacing[0], spacing[1], spacing[2]));
     }
     return result;
@@ -199,14 +199,15 @@ class Stacking {
                 [](const DicomSlice& a, const DicomSlice& b) { return a.instance == b.instance; });
             if (copy != end || size_at(g) != usual) {
                 const auto& other = copy != end ? *std::next(copy) : *std::prev(end);
-                wrong.push_back(size_at(g) == 1
-                                    ? fmt::format("{} is the only image at its place", text(*begin))
-                                    : fmt::format("{} and {} lie at the same place",
-                                                  text(copy != end ? *copy : *begin), text(other)));
+                wrong.push_back(
+                    size_at(g) == 1
+                        ? fmt::format("{} is the only image at its position", text(*begin))
+                        : fmt::format("{} and {} have the same position",
+                                      text(copy != end ? *copy : *begin), text(other)));
             }
         }
         if (!wrong.empty()) {
-            refuse("there are doubled slices: " + list(wrong));
+            refuse("there are duplicate slices: " + list(wrong));
         }
         check_times(starts, usual);
         if (usual > 1) {
@@ -272,7 +273,7 @@ class Stacking {
                                     times > kMax ? ", ..." : "");
             }
         }
-        return text.empty() ? "the order of their numbers" : text;
+        return text.empty() ? "the order of the image numbers" : text;
     }
 
     /// Images at one position along the normal may lie beside each other: tiles, or a patient who
@@ -285,8 +286,8 @@ class Stacking {
                 const Double3& b = *s[i].position;
                 const double aside = std::hypot(b[0] - a[0], b[1] - a[1], b[2] - a[2]);
                 if (aside > kMaxShift * std::min((*series_.spacing)[0], (*series_.spacing)[1])) {
-                    report(fmt::format("{} lies {:.3g} beside {}, in the same plane", text(s[i]),
-                                       aside, text(s[start])));
+                    report(fmt::format("{} is shifted by {:.3g} from {}, in the same plane",
+                                       text(s[i]), aside, text(s[start])));
                     return;
                 }
             }
@@ -324,7 +325,8 @@ class Stacking {
             return;
         }
         report(!missing.empty() ? fmt::format("slices are missing: {}", list(missing))
-                                : fmt::format("slices are not at even distances of {:.6g}: {}",
+                                : fmt::format("the slices are not evenly spaced by {:.6g}; the "
+                                              "distances that differ are: {}",
                                               usual, list(uneven)));
     }
 
@@ -343,8 +345,8 @@ class Stacking {
             if (forth > kMaxShift * length ||
                 aside > kMaxShift * std::min((*series_.spacing)[0], (*series_.spacing)[1])) {
                 report(
-                    fmt::format("{} lies {:.3g} beside its place between the first and the last "
-                                "slice",
+                    fmt::format("{} is {:.3g} away from its position on the line from the first to "
+                                "the last slice",
                                 text(stack_.slices[i]), shift));
                 return;
             }
@@ -378,8 +380,8 @@ class Stacking {
         }
         if (s.size() > 1) {
             stack_.notes.push_back(
-                fmt::format("its images do not say where they lie: they are sorted by their {}",
-                            numbered ? "numbers" : "files' names"));
+                fmt::format("the images have no positions; they are sorted by {}",
+                            numbered ? "image number" : "file name"));
         }
         stack_.count = static_cast<std::int64_t>(s.size());
         const std::array<double, 2> spacing = series_.spacing.value_or(std::array{1.0, 1.0});

@@ -144,7 +144,7 @@ class Parser {
         Words words = text_.words();
         header_.text = is(words, "ascii");
         if (!header_.text && !is(words, "binary")) {
-            corrupt("neither ASCII nor BINARY");
+            corrupt("the third line is neither ASCII nor BINARY");
         }
         while (!found_ && !(words = text_.words()).empty()) {
             read(words);
@@ -187,7 +187,7 @@ class Parser {
         const double value = number(words, i);
         if (value < static_cast<double>(least) || value > static_cast<double>(kMaxNumber) ||
             value != std::floor(value)) {
-            corrupt(fmt::format("{:.40}: {} is not possible", words[0], value));
+            corrupt(fmt::format("{:.40}: invalid number {}", words[0], value));
         }
         return static_cast<std::int64_t>(value);
     }
@@ -197,7 +197,7 @@ class Parser {
         if (keyword == "dataset") {
             if (words.size() < 2 || lower(words[1]) != "structured_points") {
                 throw Error(ErrorKind::unsupported, {name_},
-                            "it is no image: STRUCTURED_POINTS are read");
+                            "the data set is not an image; only STRUCTURED_POINTS is supported");
             }
             image_ = true;
         } else if (keyword == "dimensions") {
@@ -227,7 +227,7 @@ class Parser {
             of = text_.words();
         }
         if (of.size() < 4) {
-            corrupt("an array of a field has no name, sizes and type");
+            corrupt("an array of a field lacks its name, sizes or type");
         }
         const LegacyArray array{percent_decoded(of[0]),
                                 lower(of[3]),
@@ -250,7 +250,7 @@ class Parser {
                 corrupt("no LOOKUP_TABLE line follows SCALARS");
             }
             if (table.size() != 2) {  // VTK then treats what follows the name as values
-                corrupt("the LOOKUP_TABLE line behind SCALARS has more or less than one name");
+                corrupt("the LOOKUP_TABLE line after SCALARS must have one name");
             }
         } else if (keyword == "color_scalars") {
             array.type = "unsigned_char";
@@ -284,7 +284,7 @@ class Parser {
     }
     void take(const LegacyArray& array, const std::string& written, bool of_image) {
         if (!image_) {
-            corrupt("numbers come before DATASET");
+            corrupt("data come before DATASET");
         }
         if (of_image) {
             if (list_.size() < kMaxList) {
@@ -299,7 +299,8 @@ class Parser {
         const auto numbers =
             static_cast<std::uint64_t>(array.components) * static_cast<std::uint64_t>(array.tuples);
         if (array.tuples != 0 && array.components > kMaxNumber / array.tuples) {
-            corrupt(fmt::format("{} tuples of {} numbers", array.tuples, array.components));
+            corrupt(fmt::format("an array of {} tuples of {} numbers is too large", array.tuples,
+                                array.components));
         }
         const LegacyType* const type = legacy_type(array.type);
         if (array.type == "string") {
@@ -309,10 +310,11 @@ class Parser {
         } else if (array.type == "bit") {
             text_.skip((numbers + 7) / 8);
         } else if (type == nullptr) {
-            throw Error(ErrorKind::unsupported, {name_},
-                        fmt::format("arrays behind '{:.80}' cannot be found: it is of type "
-                                    "'{:.40}'",
-                                    array.name, array.type));
+            throw Error(
+                ErrorKind::unsupported, {name_},
+                fmt::format(
+                    "arrays after '{:.80}' cannot be found, because its type '{:.40}' is unknown",
+                    array.name, array.type));
         } else {
             text_.skip(type->bytes() * numbers);
         }
@@ -369,12 +371,12 @@ std::unique_ptr<VolumeSource> open_vtk(const VolumeInput& input, const SourceOpt
     array.file = input.file;
     array.name = input.name() + ":" + found.name;
     if (header.text && found.colours) {
-        throw Error(ErrorKind::unsupported, {array.name}, "numbers of type 'text of colours'");
+        throw Error(ErrorKind::unsupported, {array.name}, "colours as text are not supported");
     }
     const LegacyType* const type = legacy_type(found.type);
     if (type == nullptr) {
         throw Error(ErrorKind::unsupported, {array.name},
-                    fmt::format("numbers of type '{:.40}'", found.type));
+                    fmt::format("the type '{:.40}' is not supported", found.type));
     }
     array.layout.type = type->type;
     array.stored = type->stored;

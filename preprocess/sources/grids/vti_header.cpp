@@ -84,10 +84,10 @@ class VtiReader {
         const std::uint64_t size = regular_file_size(file_);
         for (std::uint64_t at = 0; at < size && !stopped_;) {
             if (file_.is_remote() && at - skipped_ > kMaxRemote) {
-                throw Error(ErrorKind::unsupported, {file_.name()},
-                            "its numbers stand within the XML, so that all of it would be fetched "
-                            "twice",
-                            {{RemedyKind::download}});
+                throw Error(
+                    ErrorKind::unsupported, {file_.name()},
+                    "the data are inside the XML, so the whole object would be fetched twice",
+                    {{RemedyKind::download}});
             }
             const std::string part = first_bytes(file_, kPart, at);
             at += part.size();
@@ -103,7 +103,7 @@ class VtiReader {
             const std::int64_t done = byte_index(parser_.get());
             if (!stopped_ &&
                 (done < 0 || at - skipped_ - static_cast<std::uint64_t>(done) > kMaxTag)) {
-                corrupt(fmt::format("a tag or comment of more than {} MiB", kMaxTag >> 20U));
+                corrupt(fmt::format("a tag or comment has more than {} MiB", kMaxTag >> 20U));
             }
             const std::uint64_t end = stopped_ ? 0 : end_of_inline();
             if (end > at && end <= size) {
@@ -116,11 +116,11 @@ class VtiReader {
                         {file_.name(), "VTI header"}, problem_);
         }
         if (!image_) {
-            corrupt("there is no ImageData");
+            corrupt("there is no ImageData element");
         }
         if (header_.pieces.empty()) {
             throw Error(ErrorKind::corrupt, {file_.name(), "VTI header"},
-                        "there is no piece with points in it");
+                        "there is no piece that has points");
         }
         if (!header_.encoding.empty()) {
             find_mark();
@@ -149,7 +149,8 @@ class VtiReader {
         auto& reader = *static_cast<VtiReader*>(self);
         if (!reader.stopped_) {
             if (++reader.nested_ > kMaxNested) {
-                return reader.stop(fmt::format("elements lie more than {} deep", kMaxNested));
+                return reader.stop(
+                    fmt::format("elements are nested more than {} levels deep", kMaxNested));
             }
             reader.start(name, attributes);
         }
@@ -184,7 +185,7 @@ class VtiReader {
                 std::from_chars(word.data(), word.data() + word.size(), number);
             if (error != std::errc{} || end != word.data() + word.size() ||
                 !std::isfinite(static_cast<double>(number))) {
-                stop(fmt::format("{} = '{:.80}' are not {} numbers", key, all, N));
+                stop(fmt::format("{} = '{:.80}' is not a list of {} numbers", key, all, N));
                 return false;
             }
         }
@@ -195,7 +196,9 @@ class VtiReader {
         if (tag == "VTKFile") {
             const std::string type = text(attributes, "type");
             if (type != "ImageData") {
-                return stop(fmt::format("a file of type '{:.40}': ImageData is read", type), true);
+                return stop(
+                    fmt::format("the file type '{:.40}' is not supported; only ImageData is", type),
+                    true);
             }
             header_.big_endian = text(attributes, "byte_order") == "BigEndian";
             header_.wide = text(attributes, "header_type") == "UInt64";
@@ -233,7 +236,8 @@ class VtiReader {
         }
         if (header_.pieces.size() >= kMaxImagePieces) {
             return stop(
-                fmt::format("more than {} pieces; in ParaView write it as one", kMaxImagePieces),
+                fmt::format("the image has more than {} pieces; in ParaView, save it as one",
+                            kMaxImagePieces),
                 true);
         }
         header_.pieces.push_back({extent, {}});
@@ -256,12 +260,13 @@ class VtiReader {
         numbers(attributes, "offset", number);
         array.offset = static_cast<std::uint64_t>(number[0]);
         if (array.components < 1 || number[0] < 0 || ++arrays_ > kMaxArrays) {
-            return stop(fmt::format("array '{:.80}' with {} components at offset {}", array.name,
-                                    array.components, number[0]));
+            return stop(fmt::format("invalid array '{:.80}': {} components at offset {}",
+                                    array.name, array.components, number[0]));
         }
         name_bytes_ += array.name.size() + array.type.size() + array.format.size();
         if (name_bytes_ > kMaxTag) {
-            return stop(fmt::format("names of arrays of more than {} MiB", kMaxTag >> 20U));
+            return stop(
+                fmt::format("the names of the arrays take more than {} MiB", kMaxTag >> 20U));
         }
         header_.pieces.back().arrays.push_back(array);
         inline_ = array.format == "binary" && header_.compressor.empty() ? array.content : 0;
@@ -304,7 +309,7 @@ class VtiReader {
         const std::size_t mark = part.find_first_not_of(" \t\r\n");
         if (mark == std::string::npos || part[mark] != '_') {
             throw Error(ErrorKind::corrupt, {file_.name(), "AppendedData"},
-                        "it does not begin with an underscore");
+                        "the data do not begin with an underscore");
         }
         header_.appended += mark + 1;
     }

@@ -58,7 +58,8 @@ const VtiArray& choose(const std::vector<VtiArray>& arrays, const SourceOptions&
     }
     if (options.dataset.empty() && points > 1) {
         throw Error(ErrorKind::invalid_argument, {name},
-                    "there are several arrays:" + list_of(arrays), {{RemedyKind::choose_dataset}});
+                    "the file has several arrays:" + list_of(arrays),
+                    {{RemedyKind::choose_dataset}});
     }
     return *chosen;
 }
@@ -74,7 +75,7 @@ void set_type(const VtiArray& given, PlacedArray& array) {
         array.stored = given.type == "Int64" ? StoredNumber::i64 : StoredNumber::u64;
     } else {
         throw Error(ErrorKind::unsupported, {array.name},
-                    fmt::format("numbers of type '{:.40}'", given.type));
+                    fmt::format("the type '{:.40}' is not supported", given.type));
     }
 }
 
@@ -87,7 +88,7 @@ void set_place(const VtiHeader& header, const VtiArray& given, PlacedArray& arra
         constexpr std::int64_t kMax = std::int64_t{1} << 40U;
         if (low < -kMax || high > kMax || high < low) {
             throw Error(ErrorKind::corrupt, {array.name, "WholeExtent"},
-                        fmt::format("from {} to {}", low, high));
+                        fmt::format("invalid extent: {} to {}", low, high));
         }
         const bool between = given.of_cells && high > low;
         array.axes.push_back({kNames.at(i), high - low + (between ? 0 : 1), true});
@@ -111,13 +112,13 @@ Stored stored_at(const VtiHeader& header, const VtiArray& given, const PlacedArr
     if (given.format == "appended") {
         if (header.encoding != "raw" && header.encoding != "base64") {
             throw Error(ErrorKind::corrupt, {array.name, "AppendedData"},
-                        fmt::format("encoding '{:.40}'", header.encoding));
+                        fmt::format("unknown encoding '{:.40}'", header.encoding));
         }
         return {header.appended + given.offset, header.encoding == "base64"};
     }
     if (given.format != "binary") {
         throw Error(ErrorKind::unsupported, {array.name},
-                    fmt::format("format '{:.40}'", given.format));
+                    fmt::format("the format '{:.40}' is not supported", given.format));
     }
     constexpr std::size_t kBlanks = 4096;
     const std::size_t blanks =
@@ -135,7 +136,7 @@ class SizeReader {
         const std::uint64_t size = regular_file_size(array_.file);
         if (stored_.start > size || count > (size - stored_.start) / width) {
             throw Error(ErrorKind::corrupt, {array_.name},
-                        fmt::format("{} sizes from byte {} on do not fit into the file", count,
+                        fmt::format("{} block sizes from byte {} on do not fit in the file", count,
                                     stored_.start));
         }
         std::string text(count * width, '\0');
@@ -169,16 +170,16 @@ BlockPacking packing_of(const VtiHeader& header, const std::string& name) {
     const auto it = packings.find(header.compressor);
     if (it == packings.end()) {
         throw Error(ErrorKind::unsupported, {name},
-                    fmt::format("compressed by {:.40}: vtkZLibDataCompressor, vtkLZ4DataCompressor "
-                                "and vtkLZMADataCompressor are read",
+                    fmt::format("the compressor {:.40} is not supported; vtkZLibDataCompressor, "
+                                "vtkLZ4DataCompressor and vtkLZMADataCompressor are",
                                 header.compressor));
     }
     const std::string package = missing_package(it->second);
     if (!package.empty()) {
-        throw Error(
-            ErrorKind::unsupported, {name},
-            fmt::format("compressed by {}, which this build does not read", header.compressor),
-            {{RemedyKind::install_package, package}});
+        throw Error(ErrorKind::unsupported, {name},
+                    fmt::format("the data are compressed by {}, which this build does not support",
+                                header.compressor),
+                    {{RemedyKind::install_package, package}});
     }
     return it->second;
 }
@@ -195,12 +196,13 @@ std::unique_ptr<ByteReader> packed_numbers(const PlacedArray& array, const VtiHe
     constexpr std::uint64_t kMax = std::uint64_t{1} << 50U;
     if (blocks == 0 || blocks > kMax || block == 0 || block > kMax || last > block) {
         throw Error(ErrorKind::corrupt, {array.name},
-                    fmt::format("{} blocks of {} bytes, the last of {}", blocks, block, last));
+                    fmt::format("invalid compressed blocks: {} blocks of {} bytes, the last of {}",
+                                blocks, block, last));
     }
     if (2 * block + sizeof(std::uint64_t) * 2 * blocks + max_beside(packing, block) > max_heap) {
         throw Error(ErrorKind::limit, {array.name},
-                    fmt::format("{} compressed blocks of {} bytes take more than {} MiB", blocks,
-                                block, max_heap >> 20U),
+                    fmt::format("{} compressed blocks of {} bytes need more than {} MiB of memory",
+                                blocks, block, max_heap >> 20U),
                     {{RemedyKind::more_memory}});
     }
     const std::vector<std::uint64_t> words = sizes.words(3 + blocks);
@@ -209,8 +211,9 @@ std::unique_ptr<ByteReader> packed_numbers(const PlacedArray& array, const VtiHe
     for (const std::uint64_t bytes : packed) {
         // Compressors expand incompressible data by less than this.
         if (bytes > 2 * block + 1024) {
-            throw Error(ErrorKind::corrupt, {array.name},
-                        fmt::format("a block of {} bytes is packed into {}", block, bytes));
+            throw Error(
+                ErrorKind::corrupt, {array.name},
+                fmt::format("a block of {} bytes cannot have {} compressed bytes", block, bytes));
         }
         all += bytes;
     }
@@ -235,7 +238,7 @@ std::unique_ptr<ByteReader> numbers_of_piece(const PlacedArray& array, const Vti
                                              std::uint64_t max_heap) {
     const ValueType type = array.stored ? bits_type(*array.stored) : array.layout.type;
     const std::uint64_t needed = count * size_of(type);
-    const std::string values = fmt::format("{} values of a piece", count);
+    const std::string values = fmt::format("the {} values of a piece", count);
     if (given.format == "ascii") {
         return array.stored ? text_integers(array.file, given.content,
                                             *array.stored == StoredNumber::i64, count)
@@ -261,7 +264,7 @@ const VtiArray& same_array(const VtiPiece& piece, const VtiArray& chosen, const 
     if (it == piece.arrays.end() || it->type != chosen.type ||
         it->components != chosen.components) {
         throw Error(ErrorKind::corrupt, {name},
-                    "one of the image's pieces has not this array, or another one of this name");
+                    "a piece of the image lacks this array, or has it with another type");
     }
     return *it;
 }
@@ -285,7 +288,8 @@ std::unique_ptr<ByteReader> pieces_of(const VtiHeader& header, const VtiArray& c
             if (low < first || high > last) {
                 throw Error(
                     ErrorKind::corrupt, {array.name, "Piece"},
-                    fmt::format("from {} to {} in an image from {} to {}", low, high, first, last));
+                    fmt::format("the piece extends from {} to {}, but the image from {} to {}", low,
+                                high, first, last));
             }
             box.low.at(i) = low - first;
             box.count.at(i) = high - low + (chosen.of_cells && last > first ? 0 : 1);
@@ -296,7 +300,7 @@ std::unique_ptr<ByteReader> pieces_of(const VtiHeader& header, const VtiArray& c
         }
     }
     if (!cover(boxes, image)) {
-        throw Error(ErrorKind::corrupt, {array.name}, "its pieces leave a part of the image out");
+        throw Error(ErrorKind::corrupt, {array.name}, "the pieces do not cover the whole image");
     }
     std::vector<PieceNumbers> pieces;
     std::uint64_t held = 0;
@@ -313,8 +317,8 @@ std::unique_ptr<ByteReader> pieces_of(const VtiHeader& header, const VtiArray& c
         held += numbers->heap();
         if (held > max_heap) {
             throw Error(ErrorKind::limit, {array.name},
-                        fmt::format("the blocks of {} pieces take more than {} MiB", boxes.size(),
-                                    max_heap >> 20U),
+                        fmt::format("the blocks of {} pieces need more than {} MiB of memory",
+                                    boxes.size(), max_heap >> 20U),
                         {{RemedyKind::more_memory}});
         }
         pieces.push_back({boxes[i], std::move(numbers)});

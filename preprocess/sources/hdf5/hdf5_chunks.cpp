@@ -114,7 +114,7 @@ void RemoteChunks::add_ranges(const Slab& slab, std::vector<ByteRange>& ranges) 
 
 void RemoteChunks::fail(const ErrorPlace& where) const {
     rethrow_failed_read(dataset_);
-    throw Error(ErrorKind::io, where, "cannot be found: " + hdf5_message());
+    throw Error(ErrorKind::io, where, "cannot find the chunk: " + hdf5_message());
 }
 
 RemoteChunks::Place RemoteChunks::look_up(const Int3& chunk) {
@@ -125,7 +125,7 @@ RemoteChunks::Place RemoteChunks::look_up(const Int3& chunk) {
         at[d] += shape_.at[d] / chunk_dims_[d] * chunk_dims_[d];
     }
     Place place;
-    const ErrorPlace where{fmt::format("the chunk from node {} {} {} on", chunk.x * chunk_.x,
+    const ErrorPlace where{fmt::format("chunk at node {} {} {}", chunk.x * chunk_.x,
                                        chunk.y * chunk_.y, chunk.z * chunk_.z)};
     const std::optional<hsize_t> stored = stored_size_of_chunk(dataset_, at);
     if (!stored) {
@@ -137,8 +137,9 @@ RemoteChunks::Place RemoteChunks::look_up(const Int3& chunk) {
         return place;
     }
     if (size > max_stored_) {
-        throw Error(ErrorKind::corrupt, where,
-                    fmt::format("takes {} bytes, at most {} would be right", size, max_stored_));
+        throw Error(
+            ErrorKind::corrupt, where,
+            fmt::format("the chunk has {} bytes, but at most {} are possible", size, max_stored_));
     }
     unread_.resize(size);
     herr_t done = 0;
@@ -153,7 +154,7 @@ RemoteChunks::Place RemoteChunks::look_up(const Int3& chunk) {
     rethrow_failed_read(dataset_);
     if (place.size > 0 && !lies_within(place.offset, place.size, ahead_.bytes().size())) {
         throw Error(ErrorKind::corrupt, where,
-                    "lies beyond the end of the object; was it cut short?");
+                    "the chunk lies beyond the end of the object; was the object cut short?");
     }
     return place;
 }
@@ -365,8 +366,8 @@ std::optional<Hdf5Chunks> Hdf5Chunks::open(hid_t dataset, std::string name,
 }
 
 ErrorPlace Hdf5Chunks::place(const Int3& chunk) const {
-    return {name_, fmt::format("the chunk from node {} {} {} on", chunk.x * chunk_.x,
-                               chunk.y * chunk_.y, chunk.z * chunk_.z)};
+    return {name_, fmt::format("chunk at node {} {} {}", chunk.x * chunk_.x, chunk.y * chunk_.y,
+                               chunk.z * chunk_.z)};
 }
 
 void Hdf5Chunks::undo(H5Z_filter_t filter, const Int3& chunk, Buffers& buffers) const {
@@ -376,8 +377,8 @@ void Hdf5Chunks::undo(H5Z_filter_t filter, const Int3& chunk, Buffers& buffers) 
     auto& [in, out] = buffers;
     if (filter == H5Z_FILTER_FLETCHER32) {
         if (!take_checksum(in)) {
-            throw Error(ErrorKind::corrupt, place(chunk),
-                        "has not the checksum that was stored with it", {{RemedyKind::good_copy}});
+            throw Error(ErrorKind::corrupt, place(chunk), "the checksum is wrong",
+                        {{RemedyKind::good_copy}});
         }
         return;
     }
@@ -399,7 +400,7 @@ void Hdf5Chunks::undo(H5Z_filter_t filter, const Int3& chunk, Buffers& buffers) 
         whole = decompress(in, out);
     }
     if (!whole) {
-        throw Error(ErrorKind::corrupt, place(chunk), "cannot be decoded",
+        throw Error(ErrorKind::corrupt, place(chunk), "the chunk cannot be decoded",
                     {{RemedyKind::good_copy}});
     }
     std::swap(in, out);
@@ -423,16 +424,17 @@ std::uint32_t Hdf5Chunks::load(const Int3& chunk, std::vector<std::byte>& stored
     std::transform(at.begin(), at.end(), fixed_.begin(), at.begin(), std::plus<>());
     const std::optional<hsize_t> size = stored_size_of_chunk(dataset_, at);
     if (!size) {
-        throw Error(ErrorKind::io, place(chunk), "cannot be found: " + hdf5_message());
+        throw Error(ErrorKind::io, place(chunk), "cannot find the chunk: " + hdf5_message());
     }
     if (*size > max_stored(chunk_bytes_)) {
         throw Error(ErrorKind::corrupt, place(chunk),
-                    fmt::format("takes {} bytes, its numbers only {}", *size, chunk_bytes_));
+                    fmt::format("the chunk has {} compressed bytes, but only {} uncompressed bytes",
+                                *size, chunk_bytes_));
     }
     stored.resize(*size);
     std::uint32_t skipped = 0;
     if (*size > 0 && H5Dread_chunk(dataset_, H5P_DEFAULT, at.data(), &skipped, stored.data()) < 0) {
-        throw Error(ErrorKind::io, place(chunk), "cannot be read: " + hdf5_message());
+        throw Error(ErrorKind::io, place(chunk), "cannot read the chunk: " + hdf5_message());
     }
     return skipped;
 }
@@ -452,7 +454,8 @@ std::span<const std::byte> Hdf5Chunks::decode(const Int3& chunk, Buffers& buffer
         }
     }
     if (buffers.stored.size() != chunk_bytes_) {
-        throw Error(ErrorKind::corrupt, place(chunk), "has not the size of a chunk");
+        throw Error(ErrorKind::corrupt, place(chunk),
+                    "the decoded chunk does not have the expected size");
     }
     return buffers.stored;
 }

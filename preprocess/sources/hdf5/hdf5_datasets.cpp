@@ -212,7 +212,7 @@ herr_t list_dataset(hid_t file, const char* name, const H5O_info_t* info, void* 
             listing.wide = c.path;
         }
         c.description = fmt::format("{} [{}] {}", c.path, shape.text(),
-                                    type ? name_of(*type) : "not a number type that is read");
+                                    type ? name_of(*type) : "of an unsupported type");
     } else {
         c.description = c.path + ": HDF5 cannot open it";
     }
@@ -332,10 +332,10 @@ std::optional<hsize_t> stored_size_of_chunk(hid_t dataset, const std::vector<hsi
 std::string choose_dataset(hid_t file, const std::filesystem::path& path, bool indexed) {
     const Listing listing = list_datasets(file, path);
     if (!listing.whole) {
-        throw Error(
-            ErrorKind::invalid_argument, {path.string()},
-            fmt::format("has more than {} datasets; among them are:{}", kMaxSeen, listing.text()),
-            {{RemedyKind::choose_dataset}});
+        throw Error(ErrorKind::invalid_argument, {path.string()},
+                    fmt::format("there are more than {} datasets; among them are:{}", kMaxSeen,
+                                listing.text()),
+                    {{RemedyKind::choose_dataset}});
     }
     // Rows and images stored beside an array with more axes are not the volume.
     constexpr std::size_t kVolume = 3;
@@ -348,7 +348,8 @@ std::string choose_dataset(hid_t file, const std::filesystem::path& path, bool i
         throw Error(
             none ? ErrorKind::not_found : ErrorKind::invalid_argument, {path.string()},
             fmt::format("{}; the file has:{}",
-                        none ? "no dataset that is a volume" : "several volumes", listing.text()),
+                        none ? "there is no dataset that is a volume" : "there are several volumes",
+                        listing.text()),
             none ? std::vector<Remedy>{} : std::vector<Remedy>{{RemedyKind::choose_dataset}});
     }
     return listing.best.front().path;

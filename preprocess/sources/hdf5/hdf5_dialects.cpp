@@ -77,7 +77,7 @@ Hdf5Place place_by_dialect(const Hdf5Dialect& dialect, const DatasetShape& shape
 namespace {
 
 constexpr const char* kMinc = "MINC 2";
-constexpr const char* kItk = "an image of ITK's";
+constexpr const char* kItk = "an ITK image";
 
 std::vector<std::string> names_of_dimorder(hid_t dataset, std::size_t count) {
     const std::string text = joined_text(dataset, "dimorder");
@@ -106,8 +106,9 @@ std::vector<double> range_of(const DialectQuestion& asked, const char* which,
         !std::equal(shape.dims.begin(), shape.dims.end(), asked.dims.begin()) ||
         (!own.empty() &&
          (own.size() != dims || !std::equal(own.begin(), own.end(), names.begin())))) {
-        refuse_dialect(kMinc, asked.of.name,
-                       fmt::format("{} are no numbers for the first axes of the image", path));
+        refuse_dialect(
+            kMinc, asked.of.name,
+            fmt::format("{} does not have numbers along the leading axes of the image", path));
     }
     return numbers;
 }
@@ -132,14 +133,14 @@ std::optional<Hdf5Dialect> minc_dialect(const DialectQuestion& asked) {
         return std::nullopt;
     }
     if (path[2] != "0") {
-        throw Error(ErrorKind::unsupported, {asked.of.name},
-                    "this is an image of lower resolution of MINC 2; the whole one is "
-                    "/minc-2.0/image/0/image",
-                    {{RemedyKind::choose_dataset}});
+        throw Error(
+            ErrorKind::unsupported, {asked.of.name},
+            "this is a MINC 2 image of lower resolution; the full image is /minc-2.0/image/0/image",
+            {{RemedyKind::choose_dataset}});
     }
     const std::vector<std::string> names = names_of_dimorder(asked.of.dataset, asked.dims.size());
     if (names.size() != asked.dims.size()) {
-        refuse_dialect(kMinc, asked.of.name, "the image's dimorder does not name its axes");
+        refuse_dialect(kMinc, asked.of.name, "dimorder of the image does not name its axes");
     }
     std::vector<MincDimension> dims;
     for (std::size_t i = 0; i < names.size(); ++i) {
@@ -171,7 +172,7 @@ std::optional<Hdf5Dialect> minc_dialect(const DialectQuestion& asked) {
     range.most = range_of(asked, "image-max", names, range.dims);
     range.least = range_of(asked, "image-min", names, of_least);
     if (of_least != range.dims || range.most.size() != range.least.size()) {
-        refuse_dialect(kMinc, asked.of.name, "image-min and image-max differ in their axes");
+        refuse_dialect(kMinc, asked.of.name, "image-min and image-max have different axes");
     }
     range.valid = numbers_of_attribute(asked.of.dataset, "valid_range");
     if (range.valid.size() != 2) {
@@ -213,8 +214,8 @@ std::optional<Hdf5Dialect> itk_dialect(const DialectQuestion& asked) {
     if (count < 1 || origin.size() != count || directions.size() != count * count ||
         lengths.size() != count) {
         refuse_dialect(kItk, asked.of.name,
-                       fmt::format("{0}Origin, {0}Spacing, {0}Directions and {0}Dimension do not "
-                                   "have as many numbers as it has axes",
+                       fmt::format("the numbers in {0}Origin, {0}Spacing, {0}Directions and "
+                                   "{0}Dimension do not match the number of axes",
                                    group));
     }
     const bool components = asked.dims.size() == count + 1;
@@ -222,7 +223,7 @@ std::optional<Hdf5Dialect> itk_dialect(const DialectQuestion& asked) {
         if ((asked.dims.size() != count && !components) ||
             static_cast<double>(asked.dims[count - 1 - i]) != lengths[i]) {
             refuse_dialect(kItk, asked.of.name,
-                           fmt::format("{}Dimension does not fit the values", group));
+                           fmt::format("{}Dimension does not match the size of the values", group));
         }
     }
     Hdf5Dialect dialect;

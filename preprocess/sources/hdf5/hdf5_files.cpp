@@ -43,7 +43,7 @@ void require_regular(const fs::path& path, const std::string& what) {
     const fs::file_status status = fs::status(path, ignored);
     if (fs::exists(status) && !fs::is_regular_file(status) && !fs::is_directory(status)) {
         throw Error(ErrorKind::invalid_argument, {what},
-                    fmt::format("{} that it needs is not a regular file", path.string()));
+                    fmt::format("{}, which it needs, is not a regular file", path.string()));
     }
 }
 
@@ -71,7 +71,7 @@ herr_t note_link(const char* parent, const char* /*group*/, const char* file,
     return 0;
 }
 
-constexpr const char* kVirtual = "is a virtual dataset, and of its sources {}:{} {}";
+constexpr const char* kVirtual = "it is a virtual dataset whose source {}:{} {}";
 
 /// Identifies an object by its file and its place in the file.
 using ObjectId = std::pair<unsigned long, haddr_t>;
@@ -87,7 +87,7 @@ class FileSearch {
         }
         const ObjectId id{info.fileno, info.addr};
         if (std::find(under_way_.begin(), under_way_.end(), id) != under_way_.end()) {
-            throw Error(ErrorKind::corrupt, {name}, "is a virtual dataset and its own source");
+            throw Error(ErrorKind::corrupt, {name}, "it is a virtual dataset and its own source");
         }
         if (!done_.insert(id).second) {
             return;
@@ -132,22 +132,23 @@ class FileSearch {
             const std::uint64_t length = fs::file_size(file, missing);
             if (missing) {
                 throw Error(ErrorKind::not_found, {name},
-                            fmt::format("its values are in another file, {}, which is not there",
+                            fmt::format("the values are in another file, {}, which does not exist",
                                         file.string()));
             }
             const std::uint64_t part = std::min<std::uint64_t>(rest, size);
             const auto begin = static_cast<std::uint64_t>(offset);
             if (part > 0 && (length < begin || length - begin < part)) {
-                throw Error(ErrorKind::corrupt, {name},
-                            fmt::format("{} of its bytes are in {} from byte {} on, but that file "
-                                        "ends at byte {}; HDF5 would give zeros",
-                                        part, file.string(), begin, length));
+                throw Error(
+                    ErrorKind::corrupt, {name},
+                    fmt::format("{} bytes of the values are in {} from byte {} on, but that file "
+                                "ends at byte {}; HDF5 would silently return zeros",
+                                part, file.string(), begin, length));
             }
             rest -= part;
         }
         if (count > 0 && rest > 0) {
             throw Error(ErrorKind::corrupt, {name},
-                        fmt::format("its external files hold {} bytes too few", rest));
+                        fmt::format("the external files lack {} bytes", rest));
         }
     }
 
@@ -188,9 +189,10 @@ class FileSearch {
                 if (fs::exists(place, ignored)) {
                     throw Error(
                         ErrorKind::not_found, {name},
-                        fmt::format("is a virtual dataset, and of its sources {} cannot be read; "
-                                    "HDF5 would leave out all behind it, though {} is there",
-                                    with_block(pattern, end), place.string()));
+                        fmt::format(
+                            "it is a virtual dataset whose source {} cannot be read; HDF5 would "
+                            "silently leave out all later sources, although {} exists",
+                            with_block(pattern, end), place.string()));
                 }
             }
         }
@@ -254,14 +256,16 @@ class FileSearch {
         const DatasetHandle found =
             opened.valid() ? open_dataset(opened.get(), path, access, files_) : DatasetHandle();
         if (!found.valid()) {
-            throw Error(ErrorKind::not_found, {name},
-                        fmt::format(kVirtual, file, path,
-                                    "cannot be read; HDF5 would give the fill value in its place"));
+            throw Error(
+                ErrorKind::not_found, {name},
+                fmt::format(kVirtual, file, path,
+                            "cannot be read; HDF5 would silently return the fill value instead"));
         }
         const SpaceHandle space(H5Dget_space(found.get()));
         if (!holds(space.get(), taken)) {
-            throw Error(ErrorKind::corrupt, {name},
-                        fmt::format(kVirtual, file, path, "has less than is taken from it"));
+            throw Error(
+                ErrorKind::corrupt, {name},
+                fmt::format(kVirtual, file, path, "has fewer values than are taken from it"));
         }
         add(found.get(), where);
     }
@@ -398,11 +402,12 @@ DatasetHandle open_remote_dataset(hid_t file, const std::string& path, const Pro
     H5Pset_elink_cb(links.get(), &refuse_link, &other);
     const ObjectHandle object(H5Oopen(file, path.c_str(), links.get()));
     if (!other.empty()) {
-        throw Error(ErrorKind::unsupported, {file_of(file).string(), path},
-                    fmt::format("an external link leads to another file, {:.200}, which is not "
-                                "opened where the first is elsewhere",
-                                other),
-                    {{RemedyKind::download}});
+        throw Error(
+            ErrorKind::unsupported, {file_of(file).string(), path},
+            fmt::format(
+                "an external link points to another file, {:.200}, which is not opened from a URL",
+                other),
+            {{RemedyKind::download}});
     }
     return dataset_of(object, file, path, access, reason);
 }

@@ -71,8 +71,8 @@ class Hdf5Source : public VolumeSource {
         file_ = input.is_remote() ? open_hdf5(input.bytes()) : open_hdf5(input.path());
         if (!file_.valid() && is_being_written(input)) {
             throw Error(ErrorKind::io, {input.name()},
-                        "another program writes it, or died before it closed it; wait until it is "
-                        "closed, or if nothing writes it, run h5clear -s");
+                        "the file is open in another program, or was not closed properly; wait "
+                        "until it is closed, or, if no program writes it, run h5clear -s");
         }
         if (!file_.valid()) {
             throw Error(ErrorKind::corrupt, {input.name()}, hdf5_cannot_open());
@@ -212,11 +212,10 @@ class Hdf5Source : public VolumeSource {
             choose_part(*type, index);
         }
         if (!type || shape_.axes.empty()) {
-            throw Error(
-                ErrorKind::unsupported, {name_},
-                fmt::format("volumes of one scalar (integers and floating point numbers of up to "
-                            "64 bits) on 1 to 3 axes are read, this is [{}] {}",
-                            shape_.text(), type ? name_of(*type) : "of another type"));
+            throw Error(ErrorKind::unsupported, {name_},
+                        fmt::format("the dataset [{}] {} is not supported; a volume has 1 to 3 "
+                                    "axes, and integers or floating point numbers of up to 64 bits",
+                                    shape_.text(), type ? name_of(*type) : "of another type"));
         }
         type_ = *type;
         memory_type_ = file_type(type_);
@@ -265,8 +264,8 @@ class Hdf5Source : public VolumeSource {
     void require_own_values() const {
         if (!holds_its_values(dataset_.get())) {
             throw Error(ErrorKind::unsupported, {name_},
-                        "its values are those of other files or datasets (external storage, or a "
-                        "virtual dataset), which are not opened where the first is elsewhere",
+                        "the values are in other files or datasets (external storage, or a virtual "
+                        "dataset), which are not opened from a URL",
                         {{RemedyKind::download}});
         }
     }
@@ -331,7 +330,7 @@ class Hdf5Source : public VolumeSource {
                                           : given;
         unsigned_ = type_ != given;
         if (unsigned_) {
-            notes_.emplace_back("stored numbers are taken as unsigned (_Unsigned)");
+            notes_.emplace_back("stored numbers are read as unsigned (_Unsigned)");
         }
     }
 
@@ -458,7 +457,7 @@ class Hdf5Source : public VolumeSource {
             bytes *= n;
             if (bytes > options.max_heap) {
                 throw Error(ErrorKind::limit, {name_},
-                            fmt::format("one chunk of [{}] values takes more than {} MiB",
+                            fmt::format("one chunk of [{}] values needs more than {} MiB of memory",
                                         fmt::join(dims, ", "), options.max_heap >> 20U),
                             {{RemedyKind::more_memory}, {RemedyKind::smaller_input_chunk}});
             }
@@ -499,11 +498,11 @@ class Hdf5Source : public VolumeSource {
             if (H5Zfilter_avail(filter) <= 0) {
                 throw Error(
                     ErrorKind::unsupported, {name_},
-                    fmt::format("its chunks went through HDF5 filter {} ({}), whose plugin is not "
-                                "here: install that plugin, and set HDF5_PLUGIN_PATH to its folder "
-                                "if HDF5 does not find it. Where it is installed already, h5repack "
-                                "-f GZIP=1 IN OUT stores the file without that filter",
-                                filter, name[0] == 0 ? "without a name" : name.data()));
+                    fmt::format("the chunks use HDF5 filter {} ({}), whose plugin is not "
+                                "installed; install the plugin, and set HDF5_PLUGIN_PATH to its "
+                                "folder if HDF5 does not find it; or, where it is installed, "
+                                "remove the filter with: h5repack -f GZIP=1 IN OUT",
+                                filter, name[0] == 0 ? "unnamed" : name.data()));
             }
         }
     }

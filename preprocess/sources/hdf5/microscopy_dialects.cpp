@@ -18,10 +18,10 @@ namespace isonest::detail {
 namespace {
 
 constexpr const char* kImaris = "an Imaris file";
-constexpr const char* kChimera = "a map of ChimeraX's";
-constexpr const char* kHyperspy = "a signal of HyperSpy's";
-constexpr const char* kVelox = "an image of Velox";
-constexpr const char* kIlastik = "a dataset of ilastik's";
+constexpr const char* kChimera = "a ChimeraX map";
+constexpr const char* kHyperspy = "a HyperSpy signal";
+constexpr const char* kVelox = "a Velox image";
+constexpr const char* kIlastik = "an ilastik dataset";
 constexpr const char* kEmd = "an EMD file";
 constexpr std::int64_t kMaxNumbered = 100000;
 constexpr std::size_t kMaxImages = 1000;  // groups in ChimeraX files, and arrays in a group
@@ -163,7 +163,7 @@ std::optional<Hdf5Dialect> imaris_dialect(const DialectQuestion& asked) {
         return std::nullopt;
     }
     if (asked.dims.size() != 3) {
-        refuse_dialect(kImaris, asked.of.name, "its values do not have three axes");
+        refuse_dialect(kImaris, asked.of.name, "the values do not have three axes");
     }
     const ObjectHandle channel = open_inside(asked.of.file, join(path, 4));
     const ObjectHandle image = open_inside(asked.of.file, "DataSetInfo/Image");
@@ -174,11 +174,12 @@ std::optional<Hdf5Dialect> imaris_dialect(const DialectQuestion& asked) {
         const auto length = imaris_length(channel, image, path[1] == "ResolutionLevel 0", a);
         if (!length || !(*length >= 1) || *length > static_cast<double>(asked.dims[d]) ||
             *length != std::floor(*length)) {
-            refuse_dialect(kImaris, asked.of.name,
-                           fmt::format("nothing says how much of its {0} values along {1} is the "
-                                       "image and not padding (ImageSize{2} of the channel, {2} of "
-                                       "DataSetInfo/Image)",
-                                       asked.dims[d], kXyz.at(a), "XYZ"[a]));
+            refuse_dialect(
+                kImaris, asked.of.name,
+                fmt::format(
+                    "it does not say how many of the {0} values along {1} belong to the image, and "
+                    "how many are padding (ImageSize{2} of the channel, {2} of DataSetInfo/Image)",
+                    asked.dims[d], kXyz.at(a), "XYZ"[a]));
         }
         dialect.lengths.push_back(static_cast<hsize_t>(*length));
         dialect.axes.push_back({kXyz.at(a), {}, ""});
@@ -228,7 +229,7 @@ std::optional<DialectChoice> chimera_choice(hid_t file, const std::string& name,
         }
     }
     if (found.empty()) {
-        refuse_dialect(kChimera, name, "there is no array of three axes in a group of /Chimera");
+        refuse_dialect(kChimera, name, "no group of /Chimera has an array of three axes");
     }
     return found.size() == 1 ? std::optional(DialectChoice{found.front(), index}) : std::nullopt;
 }
@@ -239,8 +240,8 @@ std::optional<Hdf5Dialect> chimera_dialect(const DialectQuestion& asked) {
     }
     if (!numbers_of_attribute(asked.of.dataset, "subsample_spacing").empty()) {
         throw Error(ErrorKind::unsupported, {asked.of.name},
-                    "this is a smaller copy of a map of ChimeraX's; the whole one is another array "
-                    "of the same group",
+                    "this is a reduced copy of a ChimeraX map; the full map is another array of "
+                    "the same group",
                     {{RemedyKind::choose_dataset}});
     }
     const ObjectHandle group = open_inside(asked.of.file, join(asked.path, 2));
@@ -324,7 +325,7 @@ std::optional<Hdf5Dialect> hyperspy_dialect(const DialectQuestion& asked) {
         }
         if (!made.coordinates.empty() && made.coordinates.size() != asked.dims[d]) {
             refuse_dialect(kHyperspy, asked.of.name,
-                           fmt::format("{} has {} places for {} values", path,
+                           fmt::format("{} has {} coordinates for {} values", path,
                                        made.coordinates.size(), asked.dims[d]));
         }
         dialect.axes.push_back(std::move(made));
@@ -419,7 +420,7 @@ std::optional<Hdf5Dialect> ilastik_dialect(const DialectQuestion& asked) {
     const auto list = all.is_object() ? all.find("axes") : all.end();
     if (!all.is_object() || list == all.end() || !list->is_array() ||
         list->size() != asked.dims.size()) {
-        refuse_dialect(kIlastik, asked.of.name, "its axistags do not name its axes");
+        refuse_dialect(kIlastik, asked.of.name, "the axistags do not name the axes");
     }
     Hdf5Dialect dialect;
     dialect.name = kIlastik;
@@ -428,7 +429,7 @@ std::optional<Hdf5Dialect> ilastik_dialect(const DialectQuestion& asked) {
         const nlohmann::json& tag = (*list)[d];
         const auto key = tag.is_object() ? tag.find("key") : tag.end();
         if (!tag.is_object() || key == tag.end() || !key->is_string()) {
-            refuse_dialect(kIlastik, asked.of.name, "its axistags do not name its axes");
+            refuse_dialect(kIlastik, asked.of.name, "the axistags do not name the axes");
         }
         const auto name = key->get<std::string>();
         const bool of_space = name == "x" || name == "y" || name == "z";
@@ -469,7 +470,7 @@ std::optional<Hdf5Dialect> emd_dialect(const DialectQuestion& asked) {
         }
         if (!numbers.empty() && numbers.size() != asked.dims[d]) {
             refuse_dialect(kEmd, asked.of.name,
-                           fmt::format("{}/{} has {} places for {} values", parent, name,
+                           fmt::format("{}/{} has {} coordinates for {} values", parent, name,
                                        numbers.size(), asked.dims[d]));
         }
         dialect.axes.push_back({text_of_attribute(dim.get(), "name"), std::move(numbers),

@@ -52,7 +52,7 @@ class Header {
             bytes_ = end == std::string_view::npos ? text.size() : end + 1;
         }
         if (values_.find("ElementDataFile") == values_.end()) {
-            corrupt("there is no ElementDataFile");
+            corrupt("ElementDataFile is missing");
         }
     }
     [[nodiscard]] std::size_t bytes() const { return bytes_; }
@@ -80,7 +80,7 @@ class Header {
             const auto [end, error] =
                 std::from_chars(word.data(), word.data() + word.size(), value);
             if (error != std::errc{} || end != word.data() + word.size() || !std::isfinite(value)) {
-                corrupt(fmt::format("{}: '{}' is no number", *keys.begin(), word));
+                corrupt(fmt::format("{}: '{}' is not a number", *keys.begin(), word));
             }
             numbers.push_back(value);
         }
@@ -92,7 +92,7 @@ class Header {
     [[nodiscard]] std::int64_t integer(const char* key, std::int64_t otherwise) const {
         const std::vector<double> value = numbers({key}, 1);
         if (!value.empty() && (value[0] != std::floor(value[0]) || std::fabs(value[0]) > 1e15)) {
-            corrupt(fmt::format("{} = {} is no whole number", key, value[0]));
+            corrupt(fmt::format("{} = {} is not a whole number", key, value[0]));
         }
         return value.empty() ? otherwise : static_cast<std::int64_t>(value[0]);
     }
@@ -141,7 +141,8 @@ void set_type(const Header& header, PlacedArray& array) {
     } else {
         // MET_LONG has 32 or 64 bits, depending on the machine that wrote the file.
         header.unsupported(fmt::format(
-            "ElementType '{}': integers of 8 to 64 bits, float and double are read", type));
+            "ElementType '{}' is not supported; integers of 8 to 64 bits, float and double are",
+            type));
     }
 }
 
@@ -149,17 +150,17 @@ void set_axes(const Header& header, PlacedArray& array) {
     constexpr std::int64_t kMaxAxes = 10;
     const std::int64_t dims = header.integer("NDims", 0);
     if (dims < 1 || dims > kMaxAxes) {
-        header.corrupt(fmt::format("NDims = {}", dims));
+        header.corrupt(fmt::format("NDims = {} is out of range", dims));
     }
     const auto count = static_cast<std::size_t>(dims);
     const std::vector<double> sizes = header.numbers({"DimSize"}, count);
     if (sizes.empty()) {
-        header.corrupt("there is no DimSize");
+        header.corrupt("DimSize is missing");
     }
     constexpr std::array<const char*, 4> kNames{"x", "y", "z", "t"};
     for (std::size_t i = count; i-- > 0;) {
         if (sizes[i] < 1 || sizes[i] != std::floor(sizes[i]) || sizes[i] > 1e15) {
-            header.corrupt(fmt::format("DimSize has a {}", sizes[i]));
+            header.corrupt(fmt::format("DimSize has the invalid length {}", sizes[i]));
         }
         array.axes.push_back({i < kNames.size() ? kNames.at(i) : fmt::format("axis{}", i),
                               static_cast<std::int64_t>(sizes[i]), i < 3});
@@ -185,7 +186,7 @@ void set_axes(const Header& header, PlacedArray& array) {
     }
     const std::int64_t channels = header.integer("ElementNumberOfChannels", 1);
     if (channels < 1) {
-        header.corrupt(fmt::format("ElementNumberOfChannels = {}", channels));
+        header.corrupt(fmt::format("ElementNumberOfChannels = {} is less than 1", channels));
     }
     if (channels > 1) {
         array.axes.push_back({"c", channels, false});
@@ -234,7 +235,8 @@ std::size_t axes_of_piece(const Header& header) {
     std::int64_t own = 0;
     std::from_chars(word.data(), word.data() + word.size(), own);
     if (own < 1 || own > dims) {
-        header.corrupt(fmt::format("ElementDataFile: files of '{}' axes, of {}", word, dims));
+        header.corrupt(
+            fmt::format("ElementDataFile: '{}' is not a number of axes from 1 to {}", word, dims));
     }
     return static_cast<std::size_t>(own);
 }
@@ -253,7 +255,8 @@ std::vector<std::string> pieces_of(const Header& header, const InputFile& file) 
             }
         }
         if (names.empty() || names.size() > kMaxPieces) {
-            header.corrupt(fmt::format("ElementDataFile = LIST lists {} files", names.size()));
+            header.corrupt(fmt::format(
+                "ElementDataFile = LIST lists {} files, which is none or too many", names.size()));
         }
         return names;
     }
@@ -347,7 +350,7 @@ std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
     layout.unit = length_unit_from(header.text({"DistanceUnits"}));
     const std::string binary = header.text({"BinaryData"});
     if (!binary.empty() && !header.flag({"BinaryData"})) {
-        header.unsupported("numbers as text (BinaryData = False)");
+        header.unsupported("numbers as text (BinaryData = False) are not supported");
     }
     const std::string file = header.text({"ElementDataFile"});
     if (file.empty()) {

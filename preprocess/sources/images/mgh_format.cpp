@@ -68,8 +68,8 @@ void set_type(std::int32_t type, PlacedArray& array) {
             return;
         default:
             throw Error(ErrorKind::unsupported, {array.name, "type"},
-                        fmt::format("{}: 0, 1, 3, 4 and 10 are read (integers of 8 to 32 bits, "
-                                    "float32)",
+                        fmt::format("{} is not supported; 0, 1, 3, 4 and 10 are (integers of 8 to "
+                                    "32 bits, float32)",
                                     type));
     }
 }
@@ -126,8 +126,8 @@ std::unique_ptr<VolumeSource> open_mgh(const VolumeInput& input, const SourceOpt
     std::vector<std::string> notes;
     if (!has_place(head) && !options.spacing) {
         notes.emplace_back(
-            "the file does not say where it lies: coronal slices of voxels of 1 mm around the "
-            "origin are assumed, as FreeSurfer does");
+            "the file has no placement; coronal slices with voxels of 1 mm around the origin are "
+            "assumed, as in FreeSurfer");
     }
     return with_notes(open_placed(array, options.index), std::move(notes));
 }

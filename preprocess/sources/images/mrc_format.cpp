@@ -45,8 +45,8 @@ void set_type(int mode, bool unsigned_bytes, const std::string& name, PlacedArra
             return;
         default:
             throw Error(ErrorKind::unsupported, {name, "mode"},
-                        fmt::format("{}: 0, 1, 2, 6 and 12 are read (8 and 16 bit integers, 16 and "
-                                    "32 bit floating point numbers)",
+                        fmt::format("{} is not supported; 0, 1, 2, 6 and 12 are (8 and 16 bit "
+                                    "integers, 16 and 32 bit floating point numbers)",
                                     mode));
     }
 }
@@ -98,7 +98,7 @@ std::unique_ptr<VolumeSource> open_mrc(const VolumeInput& input, const SourceOpt
     const std::int32_t extended = whole(23);
     if (extended < 0) {
         throw Error(ErrorKind::corrupt, {array.name, "nsymbt"},
-                    fmt::format("an extended header of {} bytes", extended));
+                    fmt::format("invalid size of the extended header: {} bytes", extended));
     }
     array.layout.offset = kHeaderBytes + static_cast<std::uint64_t>(extended);
     // The world axes (1 to 3) of columns, rows and sections.
@@ -109,7 +109,8 @@ std::unique_ptr<VolumeSource> open_mrc(const VolumeInput& input, const SourceOpt
         along = {1, 2, 3};
     } else if (sorted != std::array{1, 2, 3}) {
         throw Error(ErrorKind::corrupt, {array.name, "mapc, mapr, maps"},
-                    fmt::format("{}, {}, {} are not the three axes", along[0], along[1], along[2]));
+                    fmt::format("{}, {}, {} are not 1, 2 and 3 in any order", along[0], along[1],
+                                along[2]));
     }
     const std::array<std::int64_t, 3> count{whole(0), whole(1), whole(2)};
     const std::array<double, 3> sampling{static_cast<double>(whole(7)),
@@ -145,7 +146,7 @@ std::unique_ptr<VolumeSource> open_mrc(const VolumeInput& input, const SourceOpt
             throw Error(ErrorKind::corrupt, {array.name, "cellb"}, no_cell,
                         {{RemedyKind::place_in_world, "spacing"}});
         }
-        notes.push_back(no_cell + ": the axes are taken at right angles");
+        notes.push_back(no_cell + "; the axes are taken to be at right angles");
         return *steps_of_cell(spacing, kRightAngles);
     }();
     const Double3 origin{real(49), real(50), real(51)};

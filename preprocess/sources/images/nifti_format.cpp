@@ -90,7 +90,7 @@ class CaretReader {
         // The memory of expat grows with the number of tags and attributes, and with their depth.
         if (std::count(xml.begin(), xml.end(), '<') > kMaxTags ||
             std::count(xml.begin(), xml.end(), '=') > kMaxAttributes) {
-            return "it has more than the names of labels";
+            return "it has more tags than label names need";
         }
         XML_SetUserData(parser_.get(), this);
         XML_SetElementHandler(parser_.get(), &CaretReader::on_start, &CaretReader::on_end);
@@ -167,7 +167,7 @@ class CaretReader {
         text_.clear();
         color_.reset();
         if (!in_label_) {
-            labels_.leave_out("a label whose Key is no whole number");
+            labels_.leave_out("a label whose Key is not a whole number");
             return;
         }
         double red = -1;
@@ -204,14 +204,14 @@ class CaretReader {
 void read_caret(const std::string& xml, std::int64_t volume, FoundLabels& labels) {
     FoundLabels found;
     if (const std::string why = CaretReader(volume, found).read(xml); !why.empty()) {
-        labels.leave_out("Caret's XML: " + why);
+        labels.leave_out("Caret XML: " + why);
         return;
     }
     labels = std::move(found);
 }
 #else
 void read_caret(const std::string& /*xml*/, std::int64_t /*volume*/, FoundLabels& labels) {
-    labels.leave_out("Caret's XML, which isonest reads if it is built with libexpat1-dev");
+    labels.leave_out("Caret XML, which needs a build of isonest with libexpat1-dev");
 }
 #endif
 
@@ -421,7 +421,8 @@ NiftiHeader parse(std::string_view head, const std::string& name) {
     };
     constexpr std::int64_t kMaxAxes = 7;
     if (dim(0) < 1 || dim(0) > kMaxAxes) {
-        throw Error(ErrorKind::corrupt, {name, "dim"}, fmt::format("{} axes", dim(0)));
+        throw Error(ErrorKind::corrupt, {name, "dim"},
+                    fmt::format("{} is not a number of axes from 1 to 7", dim(0)));
     }
     for (std::size_t i = 1; i <= static_cast<std::size_t>(dim(0)); ++i) {
         h.dims.push_back(dim(i));
@@ -459,8 +460,8 @@ void set_type(int datatype, const std::string& name, PlacedArray& array) {
         array.stored = datatype == kInt64 ? StoredNumber::i64 : StoredNumber::u64;
     } else {
         throw Error(ErrorKind::unsupported, {name, "datatype"},
-                    fmt::format("{}: numbers of one scalar are read (integers of 8 to 64 bits, "
-                                "float32, float64)",
+                    fmt::format("{} is not supported; one scalar per voxel is (integers of 8 to 64 "
+                                "bits, float32, float64)",
                                 datatype));
     }
 }

@@ -143,8 +143,8 @@ NrrdFields::NrrdFields(std::string_view text, std::string name) : name_(std::mov
         }
         if (line.find('\r') != std::string_view::npos) {
             corrupt(
-                fmt::format("line {} has a carriage return in its middle, which some programs "
-                            "take for the end of a line and others do not",
+                fmt::format("line {} contains a carriage return, which only some programs take for "
+                            "the end of a line",
                             number));
         }
         add(line, number);
@@ -183,15 +183,15 @@ void NrrdFields::add(std::string_view line, std::size_t number) {
             const bool text = std::all_of(shown.begin(), shown.end(),
                                           [](char c) { return c >= ' ' && c <= '~'; });
             corrupt(
-                fmt::format("line {}{} is no field of the format ('name: value'), no "
-                            "'key:=value' and no comment",
+                fmt::format("line {}{} is neither a known field ('name: value'), nor 'key:=value', "
+                            "nor a comment",
                             number, text ? fmt::format(", '{}',", shown) : std::string{}));
         }
         return;
     }
     const std::string_view value = trim(line.substr(colon + 1));
     if (!fields_.emplace(field, value).second) {
-        corrupt(fmt::format("'{}' comes twice, again on line {}", field, number));
+        corrupt(fmt::format("duplicate field '{}' on line {}", field, number));
     }
 }
 
@@ -209,14 +209,16 @@ std::optional<NrrdFields::Pieces> NrrdFields::pieces() const {
     Pieces pieces;
     if (lists_files()) {
         if (words.size() > 2) {
-            corrupt(fmt::format("'data file: {}': LIST and the number of axes of a file", *field));
+            corrupt(fmt::format(
+                "'data file: {}': only the number of axes of a file may follow LIST", *field));
         }
         if (words.size() == 2) {
             pieces.axes = integer("data file", words[1]);
         }
         pieces.files = listed_;
         if (pieces.files.empty() || pieces.files.size() > kMaxPieces) {
-            corrupt(fmt::format("'data file: LIST' lists {} files", pieces.files.size()));
+            corrupt(fmt::format("'data file: LIST' lists {} files, which is none or too many",
+                                pieces.files.size()));
         }
         return pieces;
     }
@@ -255,7 +257,7 @@ const std::string* NrrdFields::find(const char* field) const {
 const std::string& NrrdFields::require(const char* field) const {
     const std::string* const value = find(field);
     if (value == nullptr) {
-        corrupt(fmt::format("there is no field '{}'", field));
+        corrupt(fmt::format("the field '{}' is missing", field));
     }
     return *value;
 }
@@ -334,7 +336,7 @@ std::vector<std::vector<double>> NrrdFields::vectors(const char* field) const {
         }
         const std::size_t end = text.find(')');
         if (text[0] != '(' || end == std::string_view::npos) {
-            corrupt(fmt::format("'{}': '{}' is no vector", field, *found));
+            corrupt(fmt::format("'{}': '{}' is not a vector", field, *found));
         }
         std::string_view inside = text.substr(1, end - 1);
         text.remove_prefix(end + 1);
@@ -349,8 +351,9 @@ std::vector<std::vector<double>> NrrdFields::vectors(const char* field) const {
         }
         length = length == 0 ? vector.size() : length;
         if (vector.size() != length) {
-            corrupt(
-                fmt::format("'{}': vectors of {} and of {} numbers", field, length, vector.size()));
+            corrupt(fmt::format(
+                "'{}' has vectors of {} and of {} numbers, but all must have the same length",
+                field, length, vector.size()));
         }
     }
     return out;

@@ -37,7 +37,7 @@ std::string read_nrrd_header(const InputFile& file) {
         }
     }
     throw Error(ErrorKind::unsupported, {file.name(), "NRRD header"},
-                fmt::format("no empty line ends it within the first {} bytes", kLongest));
+                fmt::format("no empty line ends the header within the first {} bytes", kLongest));
 }
 
 /// Places the volume by its directions; an axis without one is at right angles to the others, with
@@ -70,8 +70,7 @@ std::unique_ptr<ByteReader> unpacked_bytes(const InputFile& data, const NrrdHead
     const RawLayout& layout = header.layout;
     if (layout.offset_from_end) {
         throw Error(ErrorKind::unsupported, {data.name()},
-                    "data that are the end of the file (byte skip: -1) do not go with this "
-                    "encoding");
+                    "byte skip: -1 is not possible with this encoding");
     }
     const std::uint64_t values =
         layout.whole > 0 ? layout.whole : static_cast<std::uint64_t>(layout.nodes.product());

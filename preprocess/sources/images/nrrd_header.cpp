@@ -79,12 +79,12 @@ FoundLabels labels_of_segments(const std::map<std::string, std::string, std::les
     for (const auto& [number, segment] : segments) {
         std::int64_t id = 0;
         if (!read_whole(segment.value, id)) {
-            labels.leave_out(fmt::format("segment {}: its label is no whole number", number));
+            labels.leave_out(fmt::format("segment {}: its label is not a whole number", number));
             continue;
         }
         std::int64_t own = 0;
         if (!layer || !read_whole(segment.layer, own) || own != *layer) {
-            labels.leave_out(fmt::format("segment {} is of another layer", number));
+            labels.leave_out(fmt::format("segment {} is in another layer", number));
             continue;
         }
         std::optional<LabelColor> color;
@@ -122,7 +122,8 @@ class Parser {
         const auto found = nrrd_type(type);
         if (!found) {
             fields_.unsupported(fmt::format(
-                "type '{}': integers of 8 to 64 bits, float and double are read", type));
+                "type '{}' is not supported; integers of 8 to 64 bits, float and double are",
+                type));
         }
         header.layout.type = found->type;
         header.stored = found->stored;
@@ -202,10 +203,10 @@ class Parser {
             if (axis.name == "layer" && sizes[i] > 1 && index_.empty()) {
                 throw Error(
                     ErrorKind::unsupported, {name_, "NRRD header"},
-                    fmt::format("its segments overlap, in {} layers: a volume has one label at "
-                                "each node, as the labelmap has to which 3D Slicer exports "
-                                "segments",
-                                sizes[i]),
+                    fmt::format(
+                        "the segments overlap and are stored in {} layers, but a volume has one "
+                        "label per node; in 3D Slicer, export the segments to a labelmap",
+                        sizes[i]),
                     {{RemedyKind::choose_index, "layer=0"}});
             }
             axes.insert(axes.begin(), std::move(axis));
@@ -245,7 +246,8 @@ class Parser {
         const auto count = static_cast<std::int64_t>(sizes.size());
         const std::int64_t own = pieces->axes.value_or(count - 1);
         if (own < 1 || own > count) {
-            fields_.corrupt(fmt::format("'data file': {} of {} axes in each file", own, count));
+            fields_.corrupt(
+                fmt::format("'data file': each file has {} axes, but 'sizes' has {}", own, count));
         }
         const std::uint64_t files = pieces->files.size();
         std::uint64_t needed = 1;
@@ -536,8 +538,8 @@ class Parser {
             kNames.begin(), kNames.end(), [&](const Entry& entry) { return word == entry.first; });
         if (found == kNames.end()) {
             fields_.unsupported(
-                fmt::format("encoding '{}': raw, gzip, bzip2, text and hex are "
-                            "read; write it with: unu save -f nrrd -e gzip",
+                fmt::format("encoding '{}' is not supported; raw, gzip, bzip2, text and hex are; "
+                            "convert the file with: unu save -f nrrd -e gzip",
                             word));
         }
         return found->second;
@@ -551,7 +553,7 @@ class Parser {
         if (size_of(layout.type) > 1 && header.encoding != NrrdEncoding::text) {
             const std::string endian = lower(fields_.require("endian"));
             if (endian != "little" && endian != "big") {
-                fields_.corrupt(fmt::format("endian '{}'", endian));
+                fields_.corrupt(fmt::format("endian must be little or big, not '{}'", endian));
             }
             layout.big_endian = endian == "big";
         }
@@ -566,7 +568,7 @@ class Parser {
             }
             header.data_file = *file;
         } else if (fields_.bytes() == 0) {
-            fields_.corrupt("no empty line ends it, and there is no 'data file'");
+            fields_.corrupt("no empty line ends the header, and there is no 'data file'");
         }
         header.header_bytes = fields_.bytes();
     }
@@ -578,8 +580,8 @@ class Parser {
         }
         const std::vector<std::int64_t> skip = fields_.integers(field);
         if (skip.size() != 1 || skip[0] < least) {
-            fields_.corrupt(
-                fmt::format("'{}: {}': one number from {} on", field, *fields_.find(field), least));
+            fields_.corrupt(fmt::format("'{}: {}' must be one number, at least {}", field,
+                                        *fields_.find(field), least));
         }
         return skip[0];
     }
@@ -602,7 +604,8 @@ NrrdHeader parse_nrrd_header(std::string_view text, const std::string& name,
     const std::string_view version = text.substr(0, text.find_first_of("\r\n"));
     if (version < "NRRD0001" || version > "NRRD0005") {
         throw Error(ErrorKind::unsupported, {name},
-                    fmt::format("'{:.20}': versions NRRD0001 to NRRD0005 are read", version));
+                    fmt::format("the version '{:.20}' is not supported; NRRD0001 to NRRD0005 are",
+                                version));
     }
     return Parser(text, name, spacing, index).parse();
 }

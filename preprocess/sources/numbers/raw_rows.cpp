@@ -47,7 +47,7 @@ std::uint64_t data_bytes(const RawLayout& layout) {
 std::string text_of_nodes(const RawLayout& layout) {
     std::string text = fmt::format("{} x {} x {} nodes of {}", layout.nodes.x, layout.nodes.y,
                                    layout.nodes.z, name_of(layout.type));
-    return layout.whole > 0 ? fmt::format("{} values ({} are taken)", layout.whole, text) : text;
+    return layout.whole > 0 ? fmt::format("{} values ({} are used)", layout.whole, text) : text;
 }
 
 void check_nodes(const std::string& name, const RawLayout& layout) {

@@ -88,11 +88,12 @@ class StreamedNumbers {
         const std::uint64_t n = stream_.read(dst, bytes);
         at_ += n;
         if (n < bytes) {
-            throw Error(ErrorKind::invalid_argument, {name_},
-                        fmt::format("its decompressed data end at byte {}, but {} after {} bytes "
-                                    "need {}",
-                                    at_, text_of_nodes(layout_), layout_.offset,
-                                    layout_.offset + data_bytes(layout_)));
+            throw Error(
+                ErrorKind::invalid_argument, {name_},
+                fmt::format(
+                    "the decompressed data end at byte {}, but {} after {} bytes need {} bytes",
+                    at_, text_of_nodes(layout_), layout_.offset,
+                    layout_.offset + data_bytes(layout_)));
         }
     }
     void skip_to(std::uint64_t at) {
@@ -109,16 +110,17 @@ class StreamedNumbers {
         std::uint64_t behind = 0;
         while (const std::uint64_t n = stream_.read(skipped.data(), skipped.size())) {
             if (layout_.exact_length) {
-                throw Error(ErrorKind::invalid_argument, {name_},
-                            fmt::format("there are more than the {} bytes that {} need", at_,
-                                        text_of_nodes(layout_)),
-                            {{RemedyKind::correct_numbers, "dims,type"}});
+                throw Error(
+                    ErrorKind::invalid_argument, {name_},
+                    fmt::format("the decompressed data have more than the {} bytes that {} need",
+                                at_, text_of_nodes(layout_)),
+                    {{RemedyKind::correct_numbers, "dims,type"}});
             }
             behind += n;
             if (behind > most) {
                 throw Error(ErrorKind::unsupported, {name_},
-                            fmt::format("more than {} bytes follow the {} that are data; "
-                                        "decompress it and use encoding: raw",
+                            fmt::format("more than {} bytes follow the {} bytes of data; "
+                                        "decompress the file and use encoding: raw",
                                         most, at_));
             }
         }
@@ -203,10 +205,10 @@ void place_plain(const std::string& name, std::uint64_t size, RawLayout& layout)
         const bool raw = layout.packing == Packing::recognised;
         throw Error(
             ErrorKind::invalid_argument, {name},
-            fmt::format("{} after {} bytes need {} bytes, but the file has {}{}",
-                        text_of_nodes(layout), layout.start + skipped,
-                        need + layout.start + skipped, size,
-                        raw ? "" : "; check the sizes, the type and what is skipped in its header"),
+            fmt::format(
+                "{} after {} bytes need {} bytes, but the file has {}{}", text_of_nodes(layout),
+                layout.start + skipped, need + layout.start + skipped, size,
+                raw ? "" : "; check the sizes, the type and the skipped bytes in its header"),
             raw ? std::vector<Remedy>{{RemedyKind::correct_numbers, "dims,type,offset"}}
                 : std::vector<Remedy>{});
     }
@@ -223,7 +225,7 @@ std::uint64_t behind_lines(const InputFile& file, const std::string& name, std::
         if (part.empty()) {
             throw Error(
                 ErrorKind::corrupt, {name},
-                fmt::format("'line skip: {}', but the file has only {} lines there", lines, found));
+                fmt::format("'line skip: {}', but only {} lines follow the header", lines, found));
         }
         std::size_t used = 0;
         for (; found < lines && used != part.size(); ++found) {
@@ -254,9 +256,8 @@ std::unique_ptr<VolumeSource> open_raw(const InputFile& file, const std::string&
                         "the header says encoding gzip, but no gzip stream starts here");
         }
         if (layout.offset_from_end) {
-            throw Error(
-                ErrorKind::unsupported, {name},
-                "data that are the end of the file (byte skip: -1) do not go with compression");
+            throw Error(ErrorKind::unsupported, {name},
+                        "byte skip: -1 is not possible with compression");
         }
         if (!is_nested(layout)) {
             return open_unpacked(file, name, layout);
@@ -307,8 +308,9 @@ std::unique_ptr<VolumeSource> open_bytes(std::unique_ptr<ByteReader> bytes, cons
                                 bytes->size()));
     }
     if (bytes->sequential() && !is_nested(layout)) {
-        throw Error(ErrorKind::unsupported, {name},
-                    "its axes are stored in another order, which a stream cannot be read in");
+        throw Error(
+            ErrorKind::unsupported, {name},
+            "the axes are stored in another order, in which a compressed stream cannot be read");
     }
     return std::make_unique<ReaderSource>(std::move(bytes), name, layout, file);
 }
@@ -376,9 +378,9 @@ std::uint64_t start_of_piece(const InputFile& file, const RawLayout& layout, std
     if (!fits) {
         throw Error(
             ErrorKind::invalid_argument, {file.name()},
-            fmt::format("its part of the numbers needs {} bytes behind {} that are skipped, "
-                        "but the file has {}",
-                        piece, start + layout.offset, size));
+            fmt::format(
+                "the file needs {} bytes of data after {} skipped bytes, but has only {} bytes",
+                piece, start + layout.offset, size));
     }
     return layout.offset_from_end ? size - piece : start + layout.offset;
 }
@@ -420,7 +422,7 @@ std::vector<InputFile> pieces_beside(const InputFile& header,
                                      const std::vector<std::string>& names) {
     if (header.is_remote()) {
         throw Error(ErrorKind::unsupported, {header.name()},
-                    "its numbers are in several files, which are not read elsewhere",
+                    "the data are in several files, which cannot be read from a URL",
                     {{RemedyKind::download}});
     }
     std::vector<InputFile> files;
@@ -436,7 +438,7 @@ std::unique_ptr<ByteReader> bytes_of_pieces(const std::vector<InputFile>& files,
     const bool packed = layout.packing == Packing::gzip || layout.packing == Packing::zlib;
     if (packed && layout.offset_from_end) {
         throw Error(ErrorKind::unsupported, {files.front().name()},
-                    "data that are the end of the file (byte skip: -1) do not go with compression");
+                    "byte skip: -1 is not possible with compression");
     }
     for (const InputFile& file : files) {
         if (packed) {

@@ -221,11 +221,12 @@ class RemoteStrides final : public VolumeSource {
         }
         constexpr std::uint64_t kMaxApart = 64;
         if (smallest_stride() > kMaxApart) {
-            throw Error(ErrorKind::unsupported, {name_},
-                        fmt::format("its values lie {} bytes apart, and all of the object between "
-                                    "them would be fetched",
-                                    smallest_stride() * value_),
-                        {{RemedyKind::download}});
+            throw Error(
+                ErrorKind::unsupported, {name_},
+                fmt::format(
+                    "the values are {} bytes apart, so everything between them would be fetched",
+                    smallest_stride() * value_),
+                {{RemedyKind::download}});
         }
         const Int3& n = layout_.nodes;
         Slab slab{0, std::min(n.z, kPlanes), 0, n.y};
@@ -241,8 +242,8 @@ class RemoteStrides final : public VolumeSource {
             ranges.front().size * ranges.size() > 2 * numbers * smallest_stride();
         if ((ranges.size() > 1 && ranges.front().size < kMinRun) || is_scattered) {
             throw Error(ErrorKind::unsupported, {name_},
-                        fmt::format("its axes are stored in an order in which a slab of it lies in "
-                                    "{} pieces of {} bytes, too many to be fetched",
+                        fmt::format("because of the order of the axes, a slab is in {} pieces of "
+                                    "{} bytes, which are too many to fetch",
                                     ranges.size(), ranges.front().size),
                         {{RemedyKind::download}});
         }

@@ -47,9 +47,10 @@ CommonUnit common_unit(const AxisUnits& axes) {
         }
         const auto unit = length_unit_from(*axes.at(a));
         if (!unit) {
-            return {.notes = {fmt::format("not all axes have a unit of length ({}): the unit of "
-                                          "the spacing is not known",
-                                          text_of(axes))}};
+            return {
+                .notes = {fmt::format(
+                    "not all axes have a unit of length ({}); the unit of the spacing is unknown",
+                    text_of(axes))}};
         }
         common.unit = common.unit.value_or(*unit);
         common.of_axis.at(a) = unit;
@@ -57,7 +58,7 @@ CommonUnit common_unit(const AxisUnits& axes) {
     }
     if (converted) {
         common.notes.push_back(
-            fmt::format("the axes have different units ({}): all lengths are converted to {}",
+            fmt::format("the axes have different units ({}); all lengths are converted to {}",
                         text_of(axes), symbol_of(*common.unit)));
     }
     return common;
@@ -203,22 +204,23 @@ Entries entries_of(std::span<const ArrayAxis> axes, std::span<const AxisIndex> i
     }
     for (const AxisIndex& entry : index) {
         if (entry.axis.empty()) {
-            refuse(ErrorKind::invalid_argument, axes, name, "the index names only some of its axes",
-                   found);
+            refuse(ErrorKind::invalid_argument, axes, name,
+                   "the index must name all of its axes, or none", found);
         }
         const std::vector<std::size_t> meant = axes_of_name(axes, entry.axis);
         if (meant.size() != 1) {
             refuse(ErrorKind::invalid_argument, axes, name,
                    meant.empty()
                        ? fmt::format("there is no axis '{}'", entry.axis)
-                       : fmt::format("'{}' may be any of {} axes: name one by its number, from 0",
-                                     entry.axis, meant.size()),
+                       : fmt::format(
+                             "'{}' is the name of {} axes; give the number of one instead, from 0",
+                             entry.axis, meant.size()),
                    found);
         }
         const AxisIndex*& place = found[meant[0]];
         if (place != nullptr) {
             refuse(ErrorKind::invalid_argument, axes, name,
-                   fmt::format("{} comes twice in the index", said(axes, meant[0])));
+                   fmt::format("the index has {} twice", said(axes, meant[0])));
         }
         place = &entry;
     }
@@ -252,7 +254,7 @@ ArrayPlace place_in_array(std::span<const ArrayAxis> axes, std::span<const AxisI
     for (const ArrayAxis& axis : axes) {
         if (axis.length < 1 || static_cast<std::uint64_t>(axis.length) > kMax / place.whole) {
             throw Error(ErrorKind::corrupt, {name},
-                        fmt::format("an array of [{}] values cannot be", text_of(axes)));
+                        fmt::format("an array cannot have [{}] values", text_of(axes)));
         }
         place.whole *= static_cast<std::uint64_t>(axis.length);
     }
@@ -310,17 +312,17 @@ ChosenAxes choose_axes(std::span<const ArrayAxis> axes, std::span<const AxisInde
         }
     }
     if (!unchosen.empty()) {
-        refuse(ErrorKind::unsupported, axes, name,
-               fmt::format("it has {:.0f} volumes {}: one of them can be read", volumes,
-                           along(axes, unchosen)),
-               entries);
+        refuse(
+            ErrorKind::unsupported, axes, name,
+            fmt::format("there are {:.0f} volumes {}; choose one", volumes, along(axes, unchosen)),
+            entries);
     }
     if (left.size() > 3) {
         std::erase_if(left, [&](std::size_t i) { return axes[i].length == 1; });
     }
     if (left.size() > 3) {
         refuse(ErrorKind::unsupported, axes, name,
-               fmt::format("{} axes: a volume has at most 3 axes", left.size()), entries);
+               fmt::format("there are {} axes, but a volume has at most 3", left.size()), entries);
     }
     std::reverse(left.begin(), left.end());
     for (std::size_t a = 0; a < left.size(); ++a) {
@@ -337,8 +339,8 @@ std::vector<std::string> notes_of(const ChosenAxes& chosen, std::span<const Arra
     for (std::size_t a = 0; a < 3; ++a) {
         if (chosen.no_space.at(a)) {
             notes.push_back(fmt::format(
-                "{} is no direction in space; it is taken as {}{}", said(axes, *chosen.axis.at(a)),
-                "xyz"[a],
+                "{} is not a direction in space; it is used as {}{}",
+                said(axes, *chosen.axis.at(a)), "xyz"[a],
                 apart ? fmt::format(", with a spacing of {}", apart->at(a)) : std::string{}));
         }
     }

@@ -17,7 +17,7 @@ Scaling cf_scaling(const NumbersOfAttribute& attribute, const std::string& name)
         const std::vector<double> numbers = attribute(key);
         if (numbers.size() > 1) {
             throw Error(ErrorKind::corrupt, {name, key},
-                        fmt::format("{} numbers in place of one", numbers.size()));
+                        fmt::format("{} numbers instead of one", numbers.size()));
         }
         return numbers.empty() ? otherwise : numbers.front();
     };
@@ -113,9 +113,10 @@ MincPlace minc_place(const std::vector<MincDimension>& dims, bool with_spacing,
             continue;
         }
         if (dim.spacing.starts_with("irregular") && !with_spacing) {
-            throw Error(ErrorKind::unsupported, {name},
-                        fmt::format("MINC says that the spacing along {} is irregular", dim.name),
-                        {{RemedyKind::place_in_world, "spacing"}});
+            throw Error(
+                ErrorKind::unsupported, {name},
+                fmt::format("the spacing along {} is irregular, according to MINC", dim.name),
+                {{RemedyKind::place_in_world, "spacing"}});
         }
         Double3 along{0, 0, 0};
         along.at(*world) = 1;
@@ -146,7 +147,8 @@ SliceScaling minc_scaling(const MincRange& range, const std::vector<ArrayAxis>& 
     }
     if (!(scaling.most > scaling.least) || !std::isfinite(scaling.most - scaling.least)) {
         throw Error(ErrorKind::corrupt, {name, "valid_range"},
-                    fmt::format("MINC's valid range is {} to {}", scaling.least, scaling.most));
+                    fmt::format("the valid range {} to {} is empty or infinite", scaling.least,
+                                scaling.most));
     }
     std::size_t count = 1;
     std::vector<std::size_t> strides(axes.size(), 0);
@@ -157,7 +159,7 @@ SliceScaling minc_scaling(const MincRange& range, const std::vector<ArrayAxis>& 
     for (const auto& list : {range.most, range.least}) {
         if (!list.empty() && list.size() != count) {
             throw Error(ErrorKind::corrupt, {name, "image-max, image-min"},
-                        fmt::format("{} numbers in place of {}", list.size(), count));
+                        fmt::format("{} numbers instead of {}", list.size(), count));
         }
     }
     // The lines of all positions; if the volume is at one position of an axis, from there on.
@@ -172,7 +174,7 @@ SliceScaling minc_scaling(const MincRange& range, const std::vector<ArrayAxis>& 
         const double slope = (most - least) / (scaling.most - scaling.least);
         if (!std::isfinite(slope)) {
             throw Error(ErrorKind::corrupt, {name, "image-max, image-min"},
-                        fmt::format("values from {} to {}", least, most));
+                        fmt::format("invalid range of values: {} to {}", least, most));
         }
         scaling.lines.push_back({slope, least - scaling.least * slope});
     }
@@ -194,11 +196,11 @@ std::string text_of(const MincRange& range, const SliceScaling& scaling, ValueTy
         take_all_of(stored, all);
         return scaling.least <= all.least && scaling.most >= all.most
                    ? ""
-                   : fmt::format("stored numbers outside of {} to {} are taken as its ends",
+                   : fmt::format("stored numbers outside {} to {} are clamped to this range",
                                  scaling.least, scaling.most);
     }
     const char* const from = range.most.empty() && range.least.empty()
-                                 ? "0 to 1, as there is no image-min and image-max"
+                                 ? "0 to 1, because there is no image-min and image-max"
                                  : "image-min to image-max";
     return fmt::format("stored {} to {} are scaled to {}", scaling.least, scaling.most, from);
 }

@@ -38,7 +38,7 @@ std::vector<std::string> note_of_spacing(const std::array<bool, 3>& said, const 
     if (unsaid.empty()) {
         return {};
     }
-    return {fmt::format("the file does not say the spacing{}{}: it was taken as 1",
+    return {fmt::format("the file does not give the spacing{}{}; it is taken as 1",
                         partly ? " along " : "", partly ? unsaid : "")};
 }
 
@@ -136,8 +136,8 @@ double shift_from(const Int3& nodes, const std::array<Double3, 3>& steps,
 std::string lost_text(const std::vector<std::string>& lost) {
     return lost.empty() ? ""
                         : fmt::format(
-                              "the spacing that was given replaces the directions of the "
-                              "file, which are lost: {}",
+                              "the given spacing replaces the axis directions of the file, so "
+                              "these are lost: {}",
                               fmt::join(lost, "; "));
 }
 
@@ -214,12 +214,12 @@ std::string lost_by_own_spacing(const Int3& nodes, std::array<Double3, 3> steps)
             }
         }
         if (!backward.empty()) {
-            lost.push_back("these axes run backward, and are not turned around: " + backward);
+            lost.push_back("the reversed direction of the axes " + backward);
         }
         return lost_text(lost);
     }
     if (spanned < 0) {
-        lost.emplace_back("the axes are left-handed, so the volume becomes its mirror image");
+        lost.emplace_back("the handedness of the axes (left-handed), so the volume is mirrored");
         steps[0] = times(steps[0], -1);
     }
     const Directions direction = orthonormal(nodes, steps);
@@ -240,8 +240,8 @@ Placement place_in_world(const Int3& nodes, std::array<Double3, 3> steps, const 
         const double length = length_of(steps.at(a));
         if (!(length > 0) || !std::isfinite(length) || !std::isfinite(first.at(a))) {
             throw Error(ErrorKind::corrupt, {name},
-                        fmt::format("along {} the step from a sample to the next is ({}, {}, {}), "
-                                    "the first one lies at ({}, {}, {})",
+                        fmt::format("invalid placement along {}: the step between samples is ({}, "
+                                    "{}, {}), and the first sample is at ({}, {}, {})",
                                     "xyz"[a], steps.at(a)[0], steps.at(a)[1], steps.at(a)[2],
                                     first[0], first[1], first[2]),
                         {{RemedyKind::place_in_world, "spacing"}});
@@ -283,13 +283,13 @@ Placement place_in_world(const Int3& nodes, std::array<Double3, 3> steps, const 
         place.direction.at(a) = times(steps.at(a), 1 / place.spacing.at(a));
     }
     if (!span_space(place.direction)) {
-        throw Error(ErrorKind::unsupported, {name},
-                    fmt::format("its axes nearly lie in a plane: {}, with the spacing "
-                                "{:.6g},{:.6g},{:.6g}. With a spacing of your own the axes are "
-                                "taken as at right angles",
-                                sheared_axes(nodes, steps), place.spacing[0], place.spacing[1],
-                                place.spacing[2]),
-                    {{RemedyKind::place_in_world, "spacing"}});
+        throw Error(
+            ErrorKind::unsupported, {name},
+            fmt::format(
+                "the axes lie nearly in one plane: {}, with the spacing {:.6g},{:.6g},{:.6g}; if "
+                "you give a spacing, the axes are taken to be at right angles",
+                sheared_axes(nodes, steps), place.spacing[0], place.spacing[1], place.spacing[2]),
+            {{RemedyKind::place_in_world, "spacing"}});
     }
     return place;
 }
@@ -358,8 +358,8 @@ std::string note_of_given(const AxisCoordinates& axis, const Evenness& even, dou
         even.step < 0 ? axis.numbers.back() - step * static_cast<double>(axis.numbers.size() - 1)
                       : axis.numbers.front();
     return fmt::format(
-        "the coordinates '{}' are not evenly spaced: with the spacing that is given, nodes lie up "
-        "to {:.3g} away from theirs",
+        "the coordinates '{}' are not evenly spaced; with the given spacing, nodes are up to "
+        "{:.3g} away from their coordinates",
         axis.name, max_shift(axis.numbers, from, step));
 }
 
@@ -390,12 +390,12 @@ CoordinatePlace place_by_coordinates(const std::array<std::optional<AxisCoordina
         const AxisCoordinates& axis = *axes.at(a);
         const Evenness& e = even.at(a);
         if (!e.usable) {
-            place.notes.push_back(fmt::format("the coordinates '{}' {}: they place nothing",
+            place.notes.push_back(fmt::format("the coordinates '{}' {}; they are ignored",
                                               axis.name,
                                               std::all_of(axis.numbers.begin(), axis.numbers.end(),
                                                           [](double c) { return std::isfinite(c); })
                                                   ? "are all the same"
-                                                  : "are not all numbers"));
+                                                  : "are not all finite numbers"));
             continue;
         }
         if (!common.places(a)) {
@@ -418,8 +418,8 @@ CoordinatePlace place_by_coordinates(const std::array<std::optional<AxisCoordina
         } else if (e.shift > std::max(kMinUneven * std::fabs(e.step), e.rounding) &&
                    !options.spacing) {
             place.notes.push_back(
-                fmt::format("the coordinates '{}' are not quite evenly spaced: nodes lie up to "
-                            "{:.3g}, {:.2g} of a step, away from theirs",
+                fmt::format("the coordinates '{}' are not quite evenly spaced; nodes are up to "
+                            "{:.3g} ({:.2g} of a step) away from their coordinates",
                             axis.name, e.shift, e.shift / std::fabs(e.step)));
         }
     }
@@ -430,9 +430,9 @@ CoordinatePlace place_by_coordinates(const std::array<std::optional<AxisCoordina
         }
         throw Error(
             ErrorKind::unsupported, {name},
-            fmt::format("the coordinates '{}' are not evenly spaced ({:.6g}, {:.6g}, ... {:.6g}): "
-                        "with their mean spacing, {:.6g},{:.6g},{:.6g} (x,y,z), nodes would lie "
-                        "up to {:.3g} away from theirs",
+            fmt::format("the coordinates '{}' are not evenly spaced ({:.6g}, {:.6g}, ... {:.6g}); "
+                        "with their mean spacing, {:.6g},{:.6g},{:.6g} (x,y,z), nodes would be up "
+                        "to {:.3g} away from their coordinates",
                         uneven->name, uneven->numbers[0], uneven->numbers[1],
                         uneven->numbers.back(), spacing[0], spacing[1], spacing[2], how->shift),
             {{RemedyKind::place_in_world, "spacing"}});

@@ -114,7 +114,7 @@ class Elements {
   private:
     [[noreturn]] void has_no_end(std::size_t from) const {
         throw Error(ErrorKind::corrupt, {name_, "OME-XML"},
-                    fmt::format("the tag at byte {} has no end", from));
+                    fmt::format("the tag at byte {} is not closed", from));
     }
     bool skip(std::string_view begin, std::string_view end) {
         if (!text_.substr(at_).starts_with(begin)) {
@@ -238,8 +238,9 @@ std::vector<PlaneData> plane_data(const std::vector<XmlElement>& elements,
                                                        : "FirstT";
             const auto first = leading_number<std::int64_t>(element.attribute(key), 0);
             if (first < 0 || first >= axis.length) {
-                throw Error(ErrorKind::corrupt, {set.name, "OME-XML"},
-                            fmt::format("{} {} of {}", key, first, axis.length));
+                throw Error(
+                    ErrorKind::corrupt, {set.name, "OME-XML"},
+                    fmt::format("{} is {}, but the axis has length {}", key, first, axis.length));
             }
             data.plane += first * stride;
             stride *= axis.length;
@@ -290,8 +291,8 @@ std::vector<std::int64_t> pages_of_planes(const std::vector<XmlElement>& element
     for (const PlaneData& data : list) {
         if (!data.file) {
             throw Error(ErrorKind::unsupported, {set.name, "OME-XML"},
-                        fmt::format("some planes are in the file '{:.80}', which is not among "
-                                    "these: give all files of the set",
+                        fmt::format("some planes are in the file '{:.80}', which is not in the "
+                                    "input; give all files of the set",
                                     data.file_name));
         }
         const std::int64_t count = std::min(data.count.value_or(set.pages), set.pages - data.plane);
@@ -302,7 +303,7 @@ std::vector<std::int64_t> pages_of_planes(const std::vector<XmlElement>& element
             }
             if (!page) {
                 throw Error(ErrorKind::corrupt, {set.name, "OME-XML"},
-                            fmt::format("a plane is in directory {}, which is not there",
+                            fmt::format("a plane is in directory {}, which does not exist",
                                         data.directory + i));
             }
             pages[static_cast<std::size_t>(data.plane + i)] = *page;
@@ -312,7 +313,7 @@ std::vector<std::int64_t> pages_of_planes(const std::vector<XmlElement>& element
     for (std::size_t plane = 0; plane < pages.size(); ++plane) {
         if (pages[plane] < 0) {
             throw Error(ErrorKind::unsupported, {set.name, "OME-XML"},
-                        fmt::format("it does not say in which directory plane {} is", plane));
+                        fmt::format("the directory of plane {} is not given", plane));
         }
         as_they_come = as_they_come && pages[plane] == static_cast<std::int64_t>(plane);
     }
@@ -335,8 +336,7 @@ std::optional<TiffAxes> axes_of_ome(const std::string& description, const TiffSe
     }
     if (std::find_if(found + 1, elements.end(), is_pixels) != elements.end()) {
         throw Error(ErrorKind::unsupported, {set.name, "OME-XML"},
-                    "several images in one file; write the one that is the volume to a file of "
-                    "its own");
+                    "the file has several images; write the volume to a separate file");
     }
     const XmlElement& pixels = *found;
     const std::string order = pixels.attribute("DimensionOrder");
@@ -363,8 +363,8 @@ std::optional<TiffAxes> axes_of_ome(const std::string& description, const TiffSe
     axes.pages.assign(planes.rbegin(), planes.rend());
     if (product != set.pages) {
         throw Error(ErrorKind::unsupported, {set.name, "OME-XML"},
-                    fmt::format("it describes {} pages, but there are {} here: a set of several "
-                                "files is read as the list of its files",
+                    fmt::format("it describes {} pages, but the input has {}; if the set has "
+                                "several files, give all of them",
                                 text_of(axes.pages), set.pages));
     }
     axes.order = pages_of_planes(elements, planes, set);

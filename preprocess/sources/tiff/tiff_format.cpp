@@ -110,9 +110,10 @@ PagePlace place_of(const std::vector<ArrayAxis>& page_axes, const TiffPage& page
         whole = whole && (is_axis || axes[i].length == 1);
     }
     if (!whole) {
-        throw Error(ErrorKind::unsupported, {name},
-                    "an index chooses pages and samples; a part of them is a crop",
-                    {{RemedyKind::choose_index}});
+        throw Error(
+            ErrorKind::unsupported, {name},
+            "an index can only choose pages and samples; to read a part of them, crop the volume",
+            {{RemedyKind::choose_index}});
     }
     PagePlace place;
     place.nodes = {page.width, page.height, z ? axes[*z].length : 1};
@@ -189,8 +190,8 @@ std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOp
     const bool contiguous = one_page && pages->plain().has_value();
     if (one_page && !contiguous && (is_stack || pages->description().starts_with('{'))) {
         throw Error(ErrorKind::unsupported, {name},
-                    fmt::format("one page for {} images that are stored in tiles or packed: write "
-                                "each image to a page of its own",
+                    fmt::format("one page holds {} images in tiles or compressed; write each image "
+                                "to a separate page",
                                 images));
     }
     TiffSet set;

@@ -154,7 +154,7 @@ void TiffPages::list(std::uint32_t file) {
     do {
         if (seen_.size() >= kMaxPages) {
             throw Error(ErrorKind::unsupported, {files_[file].string()},
-                        fmt::format("more than {} pages", kMaxPages));
+                        fmt::format("there are more than {} pages, which is the limit", kMaxPages));
         }
         place.directory = TIFFCurrentDirOffset(file_.get());
         const auto kind = tag_or<std::uint32_t>(file_.get(), TIFFTAG_SUBFILETYPE, 0);
@@ -167,7 +167,7 @@ void TiffPages::list(std::uint32_t file) {
         } else {
             look_at(place);
             if (!warning_.empty()) {
-                fail(place, "its directory is damaged: " + warning_);
+                fail(place, "the directory is damaged: " + warning_);
             }
         }
         warning_.clear();
@@ -175,7 +175,7 @@ void TiffPages::list(std::uint32_t file) {
         problem_.clear();
     } while (TIFFReadDirectory(file_.get()) == 1);
     if (!problem_.empty()) {
-        fail(place, "its directory cannot be read");
+        fail(place, "the directory cannot be read");
     }
 }
 
@@ -212,7 +212,7 @@ void TiffPages::choose() {
     };
     if (kinds_.empty()) {
         throw Error(ErrorKind::unsupported, {files_.front().string()},
-                    "all of its pages are reduced images or masks");
+                    "all pages are reduced images or masks");
     }
     const auto main =
         std::max_element(kinds_.begin(), kinds_.end(), [&](const Kind& a, const Kind& b) {
@@ -262,7 +262,7 @@ void TiffPages::choose() {
         throw Error(
             ErrorKind::limit,
             {files_[main->largest.file].string(), fmt::format("page {}", main->largest.number)},
-            fmt::format("rows that are stored together take {} MiB", main->bytes >> 20U),
+            fmt::format("rows that are stored together need {} MiB of memory", main->bytes >> 20U),
             {{RemedyKind::more_memory}, {RemedyKind::smaller_input_chunk}});
     }
     seen_ = {};
@@ -292,7 +292,7 @@ void TiffPages::read_first() {
     if (tag_or<std::uint16_t>(t, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK) ==
         PHOTOMETRIC_MINISWHITE) {
         notes_.emplace_back(
-            "larger values are meant to be shown darker (MinIsWhite); they are as stored");
+            "larger values are displayed darker (MinIsWhite); the values are kept as stored");
     }
     // The description of a file may be in its preview.
     if (description_.empty() && places_.front().number > 0 && TIFFSetDirectory(t, 0) == 1) {
@@ -324,8 +324,9 @@ void TiffPages::look_at(const Place& place) {
                      : std::find_if(kinds_.begin(), kinds_.end(), same);
     if (found == kinds_.end()) {
         if (kinds_.size() >= kMaxKinds) {
-            throw Error(ErrorKind::unsupported, {files_[place.file].string()},
-                        fmt::format("pages of more than {} sizes or types", kMaxKinds));
+            throw Error(
+                ErrorKind::unsupported, {files_[place.file].string()},
+                fmt::format("the pages have more than {} different sizes or types", kMaxKinds));
         }
         kinds_.push_back(kind);
         found = kinds_.end() - 1;
@@ -349,7 +350,7 @@ TiffPages::Kind TiffPages::kind_of(const Place& place) {
     const int bits = tag_or<std::uint16_t>(t, TIFFTAG_BITSPERSAMPLE, 1);
     const int format = tag_or<std::uint16_t>(t, TIFFTAG_SAMPLEFORMAT, SAMPLEFORMAT_UINT);
     if (page.width < 1 || page.height < 1 || page.samples < 1) {
-        fail(place, "it has no size");
+        fail(place, "the page has no width, height or samples");
     }
     const auto depth = std::max(tag_or<std::uint32_t>(t, TIFFTAG_IMAGEDEPTH, 1),
                                 tag_or<std::uint32_t>(t, TIFFTAG_TILEDEPTH, 1));
@@ -371,32 +372,33 @@ TiffPages::Kind TiffPages::kind_of(const Place& place) {
     } else if (bits == 1 && page.samples == 1) {
         page.bits = true;
     } else {
-        kind.problem = fmt::format("{} bits a value: 1, 8, 16, 32 and 64 are read", bits);
+        kind.problem =
+            fmt::format("{} bits per value are not supported; 1, 8, 16, 32 and 64 are", bits);
     }
     if (format == SAMPLEFORMAT_COMPLEXINT || format == SAMPLEFORMAT_COMPLEXIEEEFP) {
-        kind.problem = "complex numbers";
+        kind.problem = "complex numbers are not supported";
     } else if (depth > 1) {
         kind.problem = fmt::format(
-            "{} planes in one page (ImageDepth, TileDepth); write each plane to a page of its own",
+            "the page has {} planes (ImageDepth, TileDepth); write each plane to a separate page",
             depth);
     } else if (kind.problem.empty() &&
                tag_or<std::uint16_t>(t, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK) ==
                    PHOTOMETRIC_YCBCR) {
-        kind.problem = "colours as brightness and two differences (YCbCr)";
+        kind.problem = "YCbCr colours are not supported";
     } else if (kind.problem.empty() && TIFFIsCODECConfigured(compression) == 0) {
         kind.problem =
-            fmt::format("compression {}, which the installed libtiff does not decode", compression);
+            fmt::format("the installed libtiff cannot decode compression {}", compression);
     }
     const bool tiled = TIFFIsTiled(t) != 0;
     if (tiled && page.bits && tag_or<std::uint32_t>(t, TIFFTAG_TILEWIDTH, 1) % 8 != 0) {
-        kind.problem = "bits in tiles whose width is no multiple of 8";
+        kind.problem = "single bits in tiles whose width is not a multiple of 8 are not supported";
     }
     if (!kind.problem.empty()) {
         return kind;
     }
     kind.rows = rows_of_part(t, page.height);
     if (kind.rows < 1) {
-        fail(place, "its strips have no rows");
+        fail(place, "the strips have no rows");
     }
     const auto part = static_cast<std::uint64_t>(
         std::max<tmsize_t>(tiled ? TIFFTileSize(t) : TIFFStripSize(t), 0));
@@ -409,7 +411,7 @@ void TiffPages::go_to_directory(const Place& place) {
     open(place.file);
     problem_.clear();
     if (TIFFSetSubDirectory(file_.get(), place.directory) != 1) {
-        fail(place, "its directory cannot be read");
+        fail(place, "the directory cannot be read");
     }
 }
 
@@ -428,7 +430,7 @@ void TiffPages::go_to(std::int64_t page) {
     if (part_rows_ < 1 || part_rows_ > rows_ ||
         tag_or<std::uint32_t>(t, TIFFTAG_IMAGEWIDTH, 0) != page_.width ||
         tag_or<std::uint32_t>(t, TIFFTAG_IMAGELENGTH, 0) != page_.height) {
-        fail(at(page), "it has changed since it was looked at");
+        fail(at(page), "the file has changed since it was opened");
     }
 }
 
@@ -447,14 +449,14 @@ void TiffPages::decode(std::int64_t page, std::int64_t y, std::int64_t sample) {
         const tmsize_t n = TIFFReadEncodedStrip(t, TIFFComputeStrip(t, row, plane), buffer_.data(),
                                                 static_cast<tmsize_t>(buffer_.size()));
         if (n != static_cast<tmsize_t>(buffer_.size())) {
-            fail(at(page), fmt::format("rows from {} on cannot be decoded", row));
+            fail(at(page), fmt::format("the rows from {} on cannot be decoded", row));
         }
     } else {
         const auto width = tag_or<std::uint32_t>(t, TIFFTAG_TILEWIDTH, 1);
         tile_.resize(static_cast<std::size_t>(TIFFTileSize(t)));
         const std::size_t tile_row = stored_bytes(page_, width, stored);
         if (width < 1 || tile_.size() < static_cast<std::size_t>(part_rows_) * tile_row) {
-            fail(at(page), "its tiles have no size");
+            fail(at(page), "the tiles have no size");
         }
         for (std::int64_t x = 0; x < page_.width; x += width) {
             const auto number = TIFFComputeTile(t, static_cast<std::uint32_t>(x), row, 0, plane);

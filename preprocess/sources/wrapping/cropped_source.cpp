@@ -169,14 +169,15 @@ std::unique_ptr<VolumeSource> cropped(std::unique_ptr<VolumeSource> inner,
         const std::int64_t from = place(range.from.value_or(0));
         const std::int64_t to = range.to ? place(*range.to) : n;
         if (from < 0 || to > n || from >= to) {
-            throw Error(ErrorKind::invalid_argument, {given.name},
-                        fmt::format("its axis {} has nodes 0 to {}; no crop from {} to {}",
-                                    "xyz"[a], n - 1, from, to - 1),
-                        {{RemedyKind::correct_numbers, "crop"}});
+            throw Error(
+                ErrorKind::invalid_argument, {given.name},
+                fmt::format("the axis {} has nodes 0 to {}; a crop from {} to {} is not possible",
+                            "xyz"[a], n - 1, from, to - 1),
+                {{RemedyKind::correct_numbers, "crop"}});
         }
         if (every[a] < 1) {
             throw Error(ErrorKind::invalid_argument, {given.name},
-                        fmt::format("no node is each {}-th", every[a]));
+                        fmt::format("the step of a crop must be at least 1, not {}", every[a]));
         }
         lo[a] = from;
         size[a] = ceil_div(to - from, every[a]);
@@ -205,8 +206,8 @@ class MirroredSource : public WrappedSource {
           backward_(backward) {
         if (backward_[2] && inner_source().sequential() && nodes_.z > 1) {
             throw Error(ErrorKind::unsupported, {inner_source().describe().name},
-                        "z runs from high to low in a compressed stream; store it without "
-                        "compression (encoding: raw)");
+                        "the z axis runs backward, so a compressed stream cannot be read in order; "
+                        "store the file without compression (encoding: raw)");
         }
     }
     [[nodiscard]] std::string identity() const override {

@@ -128,7 +128,7 @@ class LabelFile {
             all.push_back(std::move(label));
         }
         if (all.empty()) {
-            throw Error(ErrorKind::corrupt, {path_.string()}, "there is no label in this table");
+            throw Error(ErrorKind::corrupt, {path_.string()}, "the table has no labels");
         }
         return all;
     }
@@ -137,8 +137,7 @@ class LabelFile {
     void take_heap(std::uint64_t bytes) {
         if (bytes > left_) {
             throw Error(ErrorKind::limit, {path_.string()},
-                        "this table of labels takes more memory than a source may hold",
-                        {{RemedyKind::more_memory}});
+                        "the table of labels does not fit in memory", {{RemedyKind::more_memory}});
         }
         left_ -= bytes;
     }
@@ -155,7 +154,7 @@ class LabelFile {
         std::int64_t value = 0;
         const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
         if (error != std::errc{} || end != word.data() + word.size()) {
-            fail(fmt::format("'{:.40}' is no whole number", shown(word)));
+            fail(fmt::format("'{:.40}' is not a whole number", shown(word)));
         }
         return value;
     }
@@ -166,7 +165,7 @@ class LabelFile {
         for (std::size_t i = 0; i < color.size(); ++i) {
             const std::int64_t part = whole(words[first + i]);
             if (part < 0 || part > kMax) {
-                fail(fmt::format("a colour has numbers from 0 to 255, not {}", part));
+                fail(fmt::format("a colour component must be from 0 to 255, not {}", part));
             }
             color.at(i) = static_cast<std::uint8_t>(part);
         }
@@ -208,7 +207,7 @@ class LabelFile {
             fail(why);
         }
         if (labels_.size() >= LabelName::kMaxOfStore) {
-            fail(fmt::format("more than {} labels, which is what a store holds the names of",
+            fail(fmt::format("the table has more than {} labels, which is the limit of a store",
                              LabelName::kMaxOfStore));
         }
         take_heap(kLabelHeap + label.name.size());
@@ -245,14 +244,14 @@ void FoundLabels::add(std::int64_t id, const std::string& name,
         }
     }
     if (labels_.size() >= LabelName::kMaxOfStore && labels_.count(id) == 0) {
-        leave_out(fmt::format("label {}: a store holds the names of {} at most", id,
+        leave_out(fmt::format("label {}: a store has at most {} label names", id,
                               LabelName::kMaxOfStore));
         return;
     }
     LabelName& known = labels_[id];
     known.id = id;
     if ((!known.name.empty() && !label.name.empty()) || (known.color && label.color)) {
-        leave_out(fmt::format("label {} comes again", id));
+        leave_out(fmt::format("duplicate label {}", id));
         return;
     }
     known.name += label.name;
@@ -280,8 +279,8 @@ std::vector<std::string> FoundLabels::notes() const {
     if (left_out_ == 0) {
         return {};
     }
-    return {fmt::format("of what it says of its labels, {} {} left out: {}{}", left_out_,
-                        left_out_ == 1 ? "thing was" : "things were", fmt::join(first_, "; "),
+    return {fmt::format("of the label names and colours, {} {} left out: {}{}", left_out_,
+                        left_out_ == 1 ? "entry is" : "entries are", fmt::join(first_, "; "),
                         left_out_ > first_.size() ? "; ..." : "")};
 }
 

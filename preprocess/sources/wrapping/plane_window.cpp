@@ -69,10 +69,11 @@ void PlaneWindow::spool(std::uint64_t budget, const std::filesystem::path& folde
     }
     const std::int64_t piece = planes * rows * row_bytes_;
     if (static_cast<std::uint64_t>(piece) > std::max<std::uint64_t>(budget, 1U << 20U)) {
-        throw Error(ErrorKind::limit, {source_.describe().name},
-                    fmt::format("its chunks are so large that reading needs {} MiB at a time",
-                                (piece >> 20) + 1),
-                    {{RemedyKind::more_memory}, {RemedyKind::smaller_input_chunk}});
+        throw Error(
+            ErrorKind::limit, {source_.describe().name},
+            fmt::format("the chunks of the input are so large that reading needs {} MiB at a time",
+                        (piece >> 20) + 1),
+            {{RemedyKind::more_memory}, {RemedyKind::smaller_input_chunk}});
     }
     std::vector<std::byte> buffer(static_cast<std::size_t>(piece));
     progress_.begin("copy input", static_cast<std::uint64_t>(plane_bytes_ * all_planes), "B");

@@ -108,8 +108,9 @@ void to_labels(const std::string& name, std::size_t count, std::byte* values) {
         std::uint64_t label = 0;
         std::memcpy(&label, values + i * sizeof(label), sizeof(label));
         if (label > kMaxLabel) {
-            throw Error(ErrorKind::unsupported, {name},
-                        fmt::format("{} is no label: they are 0 to 2^62 - 1", label));
+            throw Error(
+                ErrorKind::unsupported, {name},
+                fmt::format("the value {} is not a label: labels are 0 to 2^62 - 1", label));
         }
         const double value = value_of_label(label);
         std::memcpy(values + i * sizeof(value), &value, sizeof(value));
@@ -176,7 +177,7 @@ class MissingSource : public WrappedSource {
         });
         if (!holds) {
             throw Error(ErrorKind::invalid_argument, {given_.name},
-                        fmt::format("no value of type {} is {}, which is to mean missing data",
+                        fmt::format("no value of type {} equals the missing value {}",
                                     name_of(type), missing),
                         {{RemedyKind::leave_out, "missing"}});
         }
@@ -362,9 +363,9 @@ class ScaledSource : public WrappedSource {
                 if (!holds<To>({value, value})) {
                     throw Error(
                         ErrorKind::corrupt, {given_.name},
-                        fmt::format("there is a stored number {}, but its header says that they "
-                                    "are {} to {}",
-                                    in, scaling_.stored->first, scaling_.stored->second));
+                        fmt::format(
+                            "there is a stored number {}, but the header gives the range {} to {}",
+                            in, scaling_.stored->first, scaling_.stored->second));
                 }
                 out = static_cast<To>(value);
             }
@@ -415,8 +416,8 @@ ValueType scaled_type(ValueType stored, const Scaling& scaling) {
 std::unique_ptr<VolumeSource> scaled(std::unique_ptr<VolumeSource> inner, const Scaling& scaling) {
     if (!std::isfinite(scaling.slope) || !std::isfinite(scaling.intercept) || scaling.slope == 0) {
         throw Error(ErrorKind::corrupt, {inner->describe().name},
-                    fmt::format("values that are {} times the stored number plus {}", scaling.slope,
-                                scaling.intercept));
+                    fmt::format("invalid scaling: {} times the stored number plus {}",
+                                scaling.slope, scaling.intercept));
     }
     if (scaling.changes_nothing()) {
         return inner;
@@ -427,7 +428,7 @@ std::unique_ptr<VolumeSource> scaled(std::unique_ptr<VolumeSource> inner, const 
 std::string text_of(const Scaling& scaling) {
     std::string text;
     if (scaling.slope != 1 || scaling.intercept != 0) {
-        text = fmt::format("values are {} times what is stored, plus {}", scaling.slope,
+        text = fmt::format("values are {} times the stored number plus {}", scaling.slope,
                            scaling.intercept);
     }
     if (!scaling.missing.empty()) {
@@ -435,7 +436,7 @@ std::string text_of(const Scaling& scaling) {
                             fmt::join(scaling.missing, " and "));
     }
     if (scaling.min_valid > -HUGE_VAL || scaling.max_valid < HUGE_VAL) {
-        text += fmt::format("{}stored numbers outside of {} to {} are missing",
+        text += fmt::format("{}stored numbers outside {} to {} are missing",
                             text.empty() ? "" : "; ", scaling.min_valid, scaling.max_valid);
     }
     return text;

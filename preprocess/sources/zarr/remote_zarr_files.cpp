@@ -120,12 +120,12 @@ class RemoteZarrFiles : public ZarrFiles {
     [[nodiscard]] std::vector<std::string> notes() const override {
         std::vector<std::string> notes;
         if (refusal_ != nullptr) {
-            notes.push_back(fmt::format(
-                "{}{}: {}; it is taken for what is not there, as servers answer that hide what "
-                "they have",
-                refusal_->place().file,
-                refusals_ > 1 ? fmt::format(" and {} more", refusals_ - 1) : "",
-                refusal_->problem()));
+            notes.push_back(
+                fmt::format("{}{}: {}; it is taken as missing, because some servers answer like "
+                            "this for objects that do not exist",
+                            refusal_->place().file,
+                            refusals_ > 1 ? fmt::format(" and {} more", refusals_ - 1) : "",
+                            refusal_->problem()));
         }
         return notes;
     }
@@ -149,13 +149,13 @@ class RemoteZarrFiles : public ZarrFiles {
                                  const ZarrChunkPlace& place) override {
         if (range.size == 0) {
             // Such a range cannot be requested.
-            throw Error(ErrorKind::corrupt, {place.name, place.where}, "its file is too short");
+            throw Error(ErrorKind::corrupt, {place.name, place.where}, "the file is too short");
         }
         const FetchedPart got =
             objects_->read({inner(file), ObjectPart::Kind::range, range.size, range.offset});
         const std::span<const std::byte> bytes = got.bytes.bytes();
         if (bytes.size() != range.size) {
-            throw Error(ErrorKind::corrupt, {place.name, place.where}, "its file is too short");
+            throw Error(ErrorKind::corrupt, {place.name, place.where}, "the file is too short");
         }
         return {bytes.begin(), bytes.end()};
     }
@@ -299,8 +299,8 @@ class RemoteZarrFiles : public ZarrFiles {
         if (got.refusal != nullptr) {
             throw Error(got.refusal->kind(), got.refusal->place(),
                         got.refusal->problem() +
-                            "; so it may answer for a chunk that is not there, too, to one who may "
-                            "not list what there is",
+                            "; a server may answer like this for a missing chunk, too, if listing "
+                            "is not permitted",
                         got.refusal->remedies());
         }
         if (!got.is_there) {

@@ -63,12 +63,12 @@ class Description {
     [[nodiscard]] Lengths lengths(const json& list, const char* what) const {
         Lengths all;
         if (!list.is_array() || list.size() > kMaxAxes) {
-            corrupt(fmt::format("'{}' is no list of up to {} lengths", what, kMaxAxes));
+            corrupt(fmt::format("'{}' is not a list of up to {} lengths", what, kMaxAxes));
         }
         for (const json& length : list) {
             if (!length.is_number_unsigned() || length.get<std::uint64_t>() < 1 ||
                 length.get<std::uint64_t>() > (std::uint64_t{1} << 50U)) {
-                corrupt(fmt::format("'{}' has a length {:.40}", what, length.dump()));
+                corrupt(fmt::format("'{}' has the invalid length {:.40}", what, length.dump()));
             }
             all.push_back(length.get<std::uint64_t>());
         }
@@ -77,13 +77,14 @@ class Description {
 
     void read_v2(const json& d) {
         if (member(d, "zarr_format") != 2) {
-            unsupported("not of Zarr's version 2 or 3");
+            unsupported("only Zarr versions 2 and 3 are supported");
         }
         array_.shape = lengths(member(d, "shape"), "shape");
         array_.chunk.shape = lengths(member(d, "chunks"), "chunks");
         const json& type = member(d, "dtype");
         if (!type.is_string()) {
-            unsupported("records of several fields; store the field that is the volume");
+            unsupported(
+                "the array has records of several fields; store only the field that is the volume");
         }
         const auto text = type.get<std::string>();
         array_.chunk.big_endian = text.starts_with('>');
@@ -91,7 +92,7 @@ class Description {
         const json& filters = member(d, "filters");
         constexpr std::size_t kMaxFilters = 32;
         if (!filters.is_null() && (!filters.is_array() || filters.size() > kMaxFilters)) {
-            corrupt(fmt::format("'filters' is no list of up to {}", kMaxFilters));
+            corrupt(fmt::format("'filters' is not a list of up to {} filters", kMaxFilters));
         }
         for (const json& filter : filters.is_null() ? json::array() : filters) {
             array_.chunk.codecs.push_back(codec_of_v2(filter));
@@ -118,17 +119,17 @@ class Description {
 
     void read_v3(const json& d) {
         if (member(d, "zarr_format") != 3 || member(d, "node_type") != "array") {
-            unsupported("no array of Zarr's version 3");
+            unsupported("not an array of Zarr version 3");
         }
         array_.shape = lengths(member(d, "shape"), "shape");
         const json& type = member(d, "data_type");
         if (!type.is_string()) {
-            unsupported(fmt::format("numbers of type {:.60}", type.dump()));
+            unsupported(fmt::format("the type {:.60} is not supported", type.dump()));
         }
         set_type(type.get<std::string>());
         const json& grid = member(d, "chunk_grid");
         if (member(grid, "name") != "regular") {
-            unsupported("a chunk grid that is not regular");
+            unsupported("a chunk grid that is not regular is not supported");
         }
         const Lengths outer =
             lengths(member(member(grid, "configuration"), "chunk_shape"), "chunk_shape");
@@ -143,7 +144,7 @@ class Description {
         read_codecs(member(d, "codecs"), outer, array_.chunk, true);
         if (const json& more = member(d, "storage_transformers");
             !more.is_null() && !more.empty()) {
-            unsupported("storage transformers");
+            unsupported("storage transformers are not supported");
         }
         set_fill(member(d, "fill_value"));
         array_.attributes = member(d, "attributes");
@@ -162,7 +163,7 @@ class Description {
         axes_in_order(chunk);
         bool in_bytes = false;
         if (!list.is_array()) {
-            corrupt("'codecs' is no list");
+            corrupt("'codecs' is not a list");
         }
         for (const json& codec : list) {
             const json& id = codec.is_string() ? codec : member(codec, "name");
@@ -185,11 +186,12 @@ class Description {
             } else if (in_bytes && !array_.shard) {
                 chunk.codecs.push_back(zarr_codec(name, options, array_.folder.string()));
             } else {
-                unsupported(fmt::format("codec '{:.40}' at this place of the list", name));
+                unsupported(fmt::format(
+                    "the codec '{:.40}' is not supported at this position in 'codecs'", name));
             }
         }
         if (!in_bytes) {
-            corrupt("no codec makes bytes of the numbers");
+            corrupt("'codecs' has no codec that converts numbers to bytes");
         }
     }
 
@@ -203,7 +205,7 @@ class Description {
         std::vector<std::size_t> all(chunk.shape.size());
         std::iota(all.begin(), all.end(), std::size_t{0});
         if (sorted != all) {
-            unsupported(fmt::format("transpose by {:.60}", order.dump()));
+            unsupported(fmt::format("the transpose order {:.60} is not supported", order.dump()));
         }
         std::vector<std::size_t> made;
         for (const std::size_t axis : axes) {
@@ -215,18 +217,18 @@ class Description {
     void shard(const json& options, ZarrChunk& chunk) {
         for (std::size_t i = 0; i < chunk.order.size(); ++i) {
             if (chunk.order[i] != i) {
-                unsupported("shards that are transposed");
+                unsupported("transposed shards are not supported");
             }
         }
         ZarrArray::Shard s;
         s.shape = chunk.shape;
         const Lengths inner = lengths(member(options, "chunk_shape"), "chunk_shape");
         if (inner.size() != s.shape.size()) {
-            corrupt("the chunks of a shard have another number of axes");
+            corrupt("the chunks of a shard do not have as many axes as the shard");
         }
         for (std::size_t i = 0; i < inner.size(); ++i) {
             if (s.shape[i] % inner[i] != 0) {
-                corrupt("the chunks of a shard do not fill it");
+                corrupt("the size of a shard is not a multiple of the size of its chunks");
             }
         }
         s.index_at_end = member(options, "index_location") != "start";
@@ -235,7 +237,7 @@ class Description {
         if (index.big_endian ||
             std::any_of(index.codecs.begin(), index.codecs.end(),
                         [](const ZarrCodec& c) { return c.kind != ZarrCodec::Kind::crc32c; })) {
-            unsupported("an index of shards that is compressed, or big endian");
+            unsupported("a compressed or big-endian shard index is not supported");
         }
         s.index_codecs = index.codecs;
         read_codecs(member(options, "codecs"), inner, chunk, false);
@@ -259,10 +261,10 @@ class Description {
         } else if (const auto other = others.find(text); other != others.end()) {
             array_.stored = other->second;
         } else {
-            unsupported(fmt::format(
-                "numbers of type '{:.40}': integers and floating point numbers of up to 64 bits "
-                "are read",
-                text));
+            unsupported(
+                fmt::format("the type '{:.40}' is not supported; store integers or floating point "
+                            "numbers of up to 64 bits",
+                            text));
         }
     }
 
@@ -284,7 +286,7 @@ class Description {
         } else if (given.is_string() && given.get<std::string>().starts_with("0x")) {
             return set_fill_bits(given.get<std::string>());
         } else {
-            unsupported(fmt::format("the fill value {:.60}", given.dump()));
+            unsupported(fmt::format("the fill value {:.60} is not supported", given.dump()));
         }
         array_.fill_number = number;
         if (array_.stored == StoredNumber::i64 || array_.stored == StoredNumber::u64) {
@@ -313,7 +315,8 @@ class Description {
                 return;
             }
         }
-        unsupported(fmt::format("the fill value {:.60} for these numbers", given.dump()));
+        unsupported(fmt::format("the fill value {:.60} is not supported for numbers of this type",
+                                given.dump()));
     }
     /// "0x7fc00000": the bits.
     void set_fill_bits(const std::string& text) {
@@ -321,7 +324,7 @@ class Description {
         const auto [end, error] =
             std::from_chars(text.data() + 2, text.data() + text.size(), bits, 16);
         if (error != std::errc{} || end != text.data() + text.size()) {
-            corrupt(fmt::format("the fill value '{:.40}'", text));
+            corrupt(fmt::format("the fill value '{:.40}' is not a hexadecimal number", text));
         }
         std::memcpy(array_.fill.data(), &bits, array_.fill.size());
         array_.fill_number = std::numeric_limits<double>::quiet_NaN();
@@ -342,7 +345,7 @@ class Description {
 
     void check_lengths() const {
         if (array_.shape.empty() || array_.chunk.shape.size() != array_.shape.size()) {
-            corrupt("the array and its chunks have not the same number of axes, or none");
+            corrupt("the array and its chunks must have the same number of axes, at least one");
         }
         constexpr std::uint64_t kMax = std::uint64_t{1} << 40U;
         for (const Lengths* const lengths :
@@ -350,7 +353,7 @@ class Description {
             std::uint64_t values = array_.value_bytes();
             for (const std::uint64_t length : *lengths) {
                 if (length > kMax / values) {
-                    corrupt("a chunk of more than 2^40 bytes");
+                    corrupt("a chunk has more than 2^40 bytes");
                 }
                 values *= length;
             }

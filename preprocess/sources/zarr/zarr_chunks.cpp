@@ -112,7 +112,7 @@ std::vector<std::byte> PackedChunks::read(const Lengths& chunk, const ShardIndex
     if (index == nullptr) {
         std::optional<std::vector<std::byte>> bytes = files_->chunk(array_.file_of(chunk), place);
         if (bytes && bytes->empty()) {
-            throw Error(ErrorKind::corrupt, {name_, place.where}, "its file is too short");
+            throw Error(ErrorKind::corrupt, {name_, place.where}, "the file is too short");
         }
         return bytes ? *std::move(bytes) : std::vector<std::byte>();
     }
@@ -122,7 +122,8 @@ std::vector<std::byte> PackedChunks::read(const Lengths& chunk, const ShardIndex
     }
     check_packed(range->size, place);
     if (!lies_within(range->offset, range->size, index->size)) {
-        throw Error(ErrorKind::corrupt, {name_, place.where}, "its shard's index leads beyond it");
+        throw Error(ErrorKind::corrupt, {name_, place.where},
+                    "the index of the shard points beyond its end");
     }
     return files_->range(index->file, *range, place);
 }
@@ -169,7 +170,7 @@ class ZarrSource : public VolumeSource {
                                   beside_codecs(a.chunk.codecs, packed_.max_bytes());
         if (one + index_bytes > max_heap) {
             throw Error(ErrorKind::limit, {packed_.name()},
-                        fmt::format("one chunk of [{}] values{} takes more than {} MiB",
+                        fmt::format("one chunk of [{}] values{} needs more than {} MiB of memory",
                                     fmt::join(a.chunk.shape, ", "),
                                     a.shard ? " and the index of its shard" : "", max_heap >> 20U),
                         {{RemedyKind::more_memory}, {RemedyKind::smaller_input_chunk}});

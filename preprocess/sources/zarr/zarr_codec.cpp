@@ -60,7 +60,7 @@ std::vector<std::byte> inflated(std::span<const std::byte> packed, std::uint64_t
     }
     ::inflateEnd(&stream);
     if (code != Z_STREAM_END || done != bytes) {
-        corrupt(name, fmt::format("it does not unpack to {} bytes", bytes));
+        corrupt(name, fmt::format("the data do not decompress to {} bytes", bytes));
     }
     return out;
 }
@@ -70,7 +70,7 @@ std::vector<std::byte> from_zstd(std::span<const std::byte> packed, std::uint64_
     std::vector<std::byte> out(bytes);
     const std::size_t made = ::ZSTD_decompress(out.data(), bytes, packed.data(), packed.size());
     if (::ZSTD_isError(made) != 0 || made != bytes) {
-        corrupt(name, fmt::format("it does not unpack to {} bytes{}{}", bytes,
+        corrupt(name, fmt::format("the data do not decompress to {} bytes{}{}", bytes,
                                   ::ZSTD_isError(made) != 0 ? ": " : "",
                                   ::ZSTD_isError(made) != 0 ? ::ZSTD_getErrorName(made) : ""));
     }
@@ -87,13 +87,13 @@ std::vector<std::byte> from_blosc(std::span<const std::byte> packed, std::uint64
         ::blosc_cbuffer_validate(packed.data(), packed.size(), &made) < 0 || made != bytes ||
         ::blosc_decompress_ctx(packed.data(), out.data(), bytes, kOneThread) !=
             static_cast<int>(bytes)) {
-        corrupt(name, fmt::format("blosc does not unpack it to {} bytes", bytes));
+        corrupt(name, fmt::format("blosc does not decompress the data to {} bytes", bytes));
     }
     return out;
 #else
     static_cast<void>(packed);
     static_cast<void>(bytes);
-    corrupt(name, "this build has no blosc");
+    corrupt(name, "this build does not support blosc");
 #endif
 }
 
@@ -101,7 +101,7 @@ std::vector<std::byte> from_block(BlockPacking packing, std::span<const std::byt
                                   std::uint64_t bytes, const std::string& name) {
     std::vector<std::byte> out(bytes);
     if (!unpack_block(packing, packed, out)) {
-        corrupt(name, fmt::format("it does not unpack to {} bytes", bytes));
+        corrupt(name, fmt::format("the data do not decompress to {} bytes", bytes));
     }
     return out;
 }
@@ -114,7 +114,7 @@ std::vector<std::byte> from_lz4(std::span<const std::byte> packed, std::uint64_t
         std::memcpy(&size, packed.data(), sizeof(size));
     }
     if (packed.size() < sizeof(size) || size != bytes) {
-        corrupt(name, fmt::format("a block of {} bytes, but {} are right", size, bytes));
+        corrupt(name, fmt::format("the block has {} bytes, but {} are expected", size, bytes));
     }
     return from_block(BlockPacking::lz4, packed.subspan(sizeof(size)), bytes, name);
 }
@@ -122,8 +122,8 @@ std::vector<std::byte> from_lz4(std::span<const std::byte> packed, std::uint64_t
 std::vector<std::byte> without_checksum(ZarrCodec::Kind kind, std::vector<std::byte> packed,
                                         std::uint64_t bytes, const std::string& name) {
     if (packed.size() != bytes + kChecksum) {
-        corrupt(name,
-                fmt::format("{} bytes, but {} and a checksum are right", packed.size(), bytes));
+        corrupt(name, fmt::format("there are {} bytes, but {} and a checksum are expected",
+                                  packed.size(), bytes));
     }
     std::uint32_t stored = 0;
     std::uint32_t found = 0;
@@ -148,7 +148,8 @@ std::vector<std::byte> without_checksum(ZarrCodec::Kind kind, std::vector<std::b
 std::vector<std::byte> unshuffled(const std::vector<std::byte>& packed, std::size_t element,
                                   const std::string& name) {
     if (packed.size() % element != 0) {
-        corrupt(name, fmt::format("{} bytes are no numbers of {} bytes", packed.size(), element));
+        corrupt(name, fmt::format("{} bytes is not a multiple of the {} bytes of a number",
+                                  packed.size(), element));
     }
     std::vector<std::byte> out(packed.size());
     const std::size_t count = packed.size() / element;
@@ -228,7 +229,7 @@ std::vector<std::byte> from_numbers(const ZarrCodec& codec, const std::vector<st
     const ZarrNumber& stored = codec.stored;
     const std::size_t count = packed.size() / stored.bytes;
     if (count * stored.bytes != packed.size() || count * made.bytes != bytes) {
-        corrupt(name, fmt::format("{} numbers in {} bytes do not make {} bytes", count,
+        corrupt(name, fmt::format("{} numbers in {} bytes do not decode to {} bytes", count,
                                   packed.size(), bytes));
     }
     std::vector<std::byte> out(bytes);
@@ -363,8 +364,8 @@ ZarrNumber number_type(const nlohmann::json& given, const std::string& codec,
         (number.kind != 'i' && number.kind != 'u' && number.kind != 'f') ||
         (in_bits && size % 8 != 0)) {
         throw Error(ErrorKind::unsupported, {name},
-                    fmt::format("its chunks went through the filter '{:.40}' for numbers of type "
-                                "{:.40}: integers, float32 and float64 are read",
+                    fmt::format("the filter '{:.40}' is not supported for the type {:.40}; "
+                                "integers, float32 and float64 are",
                                 codec, given.dump()));
     }
     return number;
@@ -378,9 +379,9 @@ void set_numbers(const nlohmann::json& options, const std::string& id, const std
     codec.stored = number_type(stored.is_null() ? type : stored, id, name);
     if (codec.kind == ZarrCodec::Kind::delta &&
         (codec.made.kind == 'f') != (codec.stored.kind == 'f')) {
-        throw Error(ErrorKind::unsupported, {name},
-                    "its chunks have differences of integers as floating point numbers, or the "
-                    "other way around");
+        throw Error(
+            ErrorKind::unsupported, {name},
+            "the filter 'delta' between integers and floating point numbers is not supported");
     }
     if (codec.kind == ZarrCodec::Kind::scaled) {
         const nlohmann::json& scale = option(options, "scale");
@@ -389,7 +390,7 @@ void set_numbers(const nlohmann::json& options, const std::string& id, const std
         codec.offset = offset.is_number() ? offset.get<double>() : NAN;
         if (codec.scale == 0 || !std::isfinite(codec.scale) || !std::isfinite(codec.offset)) {
             throw Error(ErrorKind::corrupt, {name},
-                        fmt::format("the filter '{}' has the scale {:.40} and the offset {:.40}",
+                        fmt::format("the filter '{}' has an invalid scale {:.40} or offset {:.40}",
                                     id, scale.dump(), offset.dump()));
         }
     }
@@ -400,9 +401,10 @@ ZarrCodec block_codec(ZarrCodec::Kind kind, BlockPacking packing, const std::str
                       const std::string& name) {
     const std::string package = missing_package(packing);
     if (!package.empty()) {
-        throw Error(ErrorKind::unsupported, {name},
-                    fmt::format("its chunks went through {}, which this build does not have", id),
-                    {{RemedyKind::install_package, package}});
+        throw Error(
+            ErrorKind::unsupported, {name},
+            fmt::format("the chunks use the codec {}, which this build does not support", id),
+            {{RemedyKind::install_package, package}});
     }
     return {.kind = kind};
 }
@@ -437,7 +439,8 @@ ZarrCodec zarr_codec(const std::string& codec, const nlohmann::json& options,
     }
     if (id == "crc32") {
         if (option(options, "location") == "end") {
-            throw Error(ErrorKind::unsupported, {name}, "a CRC-32 at the end of its chunks");
+            throw Error(ErrorKind::unsupported, {name},
+                        "a CRC-32 at the end of the chunks is not supported");
         }
         return {.kind = Kind::crc32};
     }
@@ -450,7 +453,8 @@ ZarrCodec zarr_codec(const std::string& codec, const nlohmann::json& options,
     if (id == "lzma") {
         constexpr int kRaw = 3;
         if (option(options, "format") == kRaw) {
-            throw Error(ErrorKind::unsupported, {name}, "its chunks are LZMA without a header");
+            throw Error(ErrorKind::unsupported, {name},
+                        "LZMA chunks without a header are not supported");
         }
         return block_codec(Kind::lzma, BlockPacking::lzma, id, name);
     }
@@ -459,7 +463,7 @@ ZarrCodec zarr_codec(const std::string& codec, const nlohmann::json& options,
         return {.kind = Kind::blosc};
 #else
         throw Error(ErrorKind::unsupported, {name},
-                    "its chunks went through blosc, which this build does not have",
+                    "the chunks use the codec blosc, which this build does not support",
                     {{RemedyKind::install_package, "libblosc-dev"}});
 #endif
     }
@@ -472,7 +476,7 @@ ZarrCodec zarr_codec(const std::string& codec, const nlohmann::json& options,
                                                                   : kMax + 1;
         if (element > kMax) {
             throw Error(ErrorKind::corrupt, {name},
-                        fmt::format("shuffled numbers of {:.40} bytes", size.dump()));
+                        fmt::format("numbers of {:.40} bytes cannot be shuffled", size.dump()));
         }
         return {.kind = Kind::shuffle, .element = std::max<std::size_t>(element, 1)};
     }
@@ -484,15 +488,16 @@ ZarrCodec zarr_codec(const std::string& codec, const nlohmann::json& options,
         if (numbers.kind == Kind::same && (numbers.made.kind != numbers.stored.kind ||
                                            numbers.made.bytes != numbers.stored.bytes)) {
             throw Error(ErrorKind::unsupported, {name},
-                        "its chunks went through the filter 'quantize' with another type");
+                        "the filter 'quantize' is not supported if it changes the type");
         }
         return numbers;
     }
-    throw Error(ErrorKind::unsupported, {name},
-                fmt::format("its chunks went through the codec '{:.40}': zlib, gzip, zstd, blosc, "
-                            "lz4, bz2, lzma, crc32c, crc32, adler32, shuffle, delta, "
-                            "fixedscaleoffset, quantize and bitround are read",
-                            codec));
+    throw Error(
+        ErrorKind::unsupported, {name},
+        fmt::format(
+            "the codec '{:.40}' is not supported; zlib, gzip, zstd, blosc, lz4, bz2, lzma, crc32c, "
+            "crc32, adler32, shuffle, delta, fixedscaleoffset, quantize and bitround are",
+            codec));
 }
 
 std::uint64_t max_between(std::span<const ZarrCodec> codecs, std::uint64_t bytes) {
@@ -530,12 +535,13 @@ std::vector<std::byte> decode_zarr(std::vector<std::byte> packed, std::span<cons
         const std::optional<std::uint64_t> size =
             sizes[i] ? sizes[i] : decoded_bytes(codecs[i], packed.size());
         if (!size) {
-            throw Error(ErrorKind::unsupported, {name}, "its chunks were compressed twice");
+            throw Error(ErrorKind::unsupported, {name},
+                        "chunks that are compressed twice are not supported");
         }
         packed = undo(codecs[i], std::move(packed), *size, name);
     }
     if (packed.size() != bytes) {
-        corrupt(name, fmt::format("{} bytes, but {} are right", packed.size(), bytes));
+        corrupt(name, fmt::format("there are {} bytes, but {} are expected", packed.size(), bytes));
     }
     return packed;
 }

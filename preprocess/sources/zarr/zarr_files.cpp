@@ -34,7 +34,7 @@ ZarrIndexBytes index_of(ZarrFiles& files, const fs::path& file, std::uint64_t fi
                         std::uint64_t size, bool at_end, const ZarrChunkPlace& place) {
     if (file_size < size) {
         throw Error(ErrorKind::corrupt, {place.name, place.where},
-                    "a shard shorter than its index");
+                    "the shard is shorter than its index");
     }
     ZarrIndexBytes index;
     index.file_size = file_size;
@@ -107,7 +107,7 @@ class LocalZarrFiles : public ZarrFiles {
         const std::string text =
             first_bytes(file, static_cast<std::size_t>(range.size), range.offset);
         if (text.size() != range.size || range.size == 0) {
-            throw Error(ErrorKind::corrupt, {place.name, place.where}, "its file is too short");
+            throw Error(ErrorKind::corrupt, {place.name, place.where}, "the file is too short");
         }
         const auto bytes = std::as_bytes(std::span(text));
         return {bytes.begin(), bytes.end()};
@@ -134,7 +134,8 @@ class LocalZarrFiles : public ZarrFiles {
 void check_packed(std::uint64_t packed, const ZarrChunkPlace& place) {
     if (packed > max_packed(place.bytes)) {
         throw Error(ErrorKind::corrupt, {place.name, place.where},
-                    fmt::format("{} bytes for a chunk of {}", packed, place.bytes));
+                    fmt::format("{} compressed bytes are too many for a chunk of {} bytes", packed,
+                                place.bytes));
     }
 }
 
@@ -167,7 +168,8 @@ class ZipZarrFiles : public ZarrFiles {
         }
         if (member->bytes > kMaxJsonBytes) {
             throw Error(ErrorKind::unsupported, {file.string()},
-                        fmt::format("a description of more than {} bytes", kMaxJsonBytes));
+                        fmt::format("the metadata have more than {} bytes, which is the limit",
+                                    kMaxJsonBytes));
         }
         const std::vector<std::byte> bytes = unpacked(*member, file.string());
         return parse_json({reinterpret_cast<const char*>(bytes.data()), bytes.size()},
@@ -222,8 +224,8 @@ class ZipZarrFiles : public ZarrFiles {
         const std::string where = file.filename().string();
         if (member->deflated) {
             throw Error(ErrorKind::unsupported, {name, where},
-                        "a shard that is compressed in the archive; unpack the archive, or store "
-                        "it without compression (zip -0)");
+                        "the shard is compressed in the archive; unpack the archive, or store it "
+                        "without compression (zip -0)");
         }
         return index_of(*this, file, member->bytes, size, at_end, {name, where});
     }
@@ -237,7 +239,7 @@ class ZipZarrFiles : public ZarrFiles {
         const std::string where = place.name + ": " + place.where;
         if (member == nullptr || member->deflated || range.size == 0 ||
             !lies_within(range.offset, range.size, member->bytes)) {
-            throw Error(ErrorKind::corrupt, {where}, "its shard is too short");
+            throw Error(ErrorKind::corrupt, {where}, "the shard is too short");
         }
         require_readable(*member, where);
         return stored(member->start + range.offset, range.size, where);
@@ -270,13 +272,14 @@ class ZipZarrFiles : public ZarrFiles {
     }
     static void require_readable(const ZipMember& member, const std::string& where) {
         if (!member.readable) {
-            throw Error(ErrorKind::unsupported, {where},
-                        "it is encrypted in the archive, or compressed by another method than "
-                        "deflate");
+            throw Error(
+                ErrorKind::unsupported, {where},
+                "it is encrypted in the archive, or compressed by a method other than deflate");
         }
         if (!member.deflated && member.packed != member.bytes) {
             throw Error(ErrorKind::corrupt, {where},
-                        fmt::format("{} bytes that are stored as {}", member.bytes, member.packed));
+                        fmt::format("{} uncompressed bytes are stored as {} bytes", member.bytes,
+                                    member.packed));
         }
     }
     [[nodiscard]] std::vector<std::byte> stored(std::uint64_t at, std::uint64_t size,
@@ -298,14 +301,14 @@ class ZipZarrFiles : public ZarrFiles {
             GzipStream stream(archive_, where, member.start, DeflateWrapper::none);
             if (stream.read(bytes.data(), bytes.size()) != bytes.size()) {
                 throw Error(ErrorKind::corrupt, {where},
-                            fmt::format("it does not unpack to {} bytes", member.bytes));
+                            fmt::format("the data do not decompress to {} bytes", member.bytes));
             }
         } else {
             bytes = stored(member.start, member.bytes, where);
         }
         if (::crc32_z(0, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()) !=
             member.crc) {
-            throw Error(ErrorKind::corrupt, {where}, "its checksum in the archive is wrong");
+            throw Error(ErrorKind::corrupt, {where}, "the checksum in the archive is wrong");
         }
         return bytes;
     }

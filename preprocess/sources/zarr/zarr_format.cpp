@@ -220,8 +220,9 @@ std::shared_ptr<ZarrFiles> files_of(const VolumeInput& input, const SourceOption
     }
     const std::optional<std::string> inside = zarr_in_zip(input.path());
     if (!inside) {
-        throw Error(ErrorKind::not_found, {input.name()},
-                    "there is not one Zarr array or group at the top of this archive; unpack it");
+        throw Error(
+            ErrorKind::not_found, {input.name()},
+            "the archive does not have exactly one Zarr array or group at its top; unpack it");
     }
     return zip_zarr_files(input.path(), *inside);
 }
@@ -243,7 +244,7 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
             static_cast<double>(chosen.nodes.z) >
         1e18) {
         throw Error(ErrorKind::corrupt, {name},
-                    fmt::format("an array of [{}] values cannot be", text_of(image.axes)));
+                    fmt::format("an array cannot have [{}] values", text_of(image.axes)));
     }
     const Scaling scaling = scaling_of(image.array, name);
     std::vector<std::string> notes;

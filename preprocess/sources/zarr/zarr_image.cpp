@@ -69,7 +69,7 @@ FoundLabels labels_of_ome(const json& image_label) {
     for (const json& entry : entries(image_label, "properties")) {
         const auto id = label_value(entry);
         if (!id) {
-            labels.leave_out("a property whose label-value is no whole number");
+            labels.leave_out("a property whose label-value is not a whole number");
             continue;
         }
         for (const char* const key : {"name", "class"}) {
@@ -84,7 +84,7 @@ FoundLabels labels_of_ome(const json& image_label) {
         const auto id = label_value(entry);
         const auto rgba = entry.is_object() ? entry.find("rgba") : entry.end();
         if (!id) {
-            labels.leave_out("a colour whose label-value is no whole number");
+            labels.leave_out("a colour whose label-value is not a whole number");
         } else if (rgba != entry.end()) {
             if (const auto color = color_of_rgba(*rgba)) {
                 labels.add(*id, "", color);
@@ -134,8 +134,8 @@ void transform(const json& list, ZarrImage& image, const std::string& name) {
             !std::all_of(numbers.begin(), numbers.end(),
                          [](const json& n) { return n.is_number(); })) {
             throw Error(ErrorKind::unsupported, {name, "coordinateTransformations"},
-                        fmt::format("{:.120}: a scale or a translation with a number for each of "
-                                    "the {} axes is read",
+                        fmt::format("{:.120} is not supported; a scale or a translation with a "
+                                    "number for each of the {} axes is",
                                     one.dump(), image.axes.size()),
                         {{RemedyKind::place_in_world, "spacing"}});
         }
@@ -194,7 +194,7 @@ std::string inner_path(const json& path, const fs::path& folder) {
     if (text.empty() || p.is_absolute() ||
         std::any_of(p.begin(), p.end(), [](const fs::path& part) { return part == ".."; })) {
         throw Error(ErrorKind::corrupt, {folder.string(), "multiscales"},
-                    fmt::format("a level at {:.80}", path.dump()));
+                    fmt::format("a level has the invalid path {:.80}", path.dump()));
     }
     return text;
 }
@@ -283,8 +283,8 @@ std::vector<std::string> members_of(ZarrFiles& files, const fs::path& folder) {
                     {{RemedyKind::check_url}});
     }
     throw Error(ErrorKind::invalid_argument, {folder.string()},
-                "this group's members cannot be listed at a URL, and it has no consolidated "
-                "metadata",
+                "the members of this group cannot be listed at a URL, because it has no "
+                "consolidated metadata",
                 {{RemedyKind::choose_dataset}});
 }
 
@@ -476,7 +476,7 @@ ZarrImage find_zarr_image(ZarrFiles& files, const fs::path& root, const std::str
         throw Error(ErrorKind::not_found, {root.string()}, "there is no array in this Zarr group");
     }
     throw Error(ErrorKind::invalid_argument, {root.string()},
-                "there are several arrays:" + list_of(all_names(files, root)),
+                "the group has several arrays:" + list_of(all_names(files, root)),
                 {{RemedyKind::choose_dataset}});
 }
 

@@ -185,7 +185,7 @@ std::string unpack_jpeg2000(std::span<const char> frame, const DicomNumbers& num
     opj_dparameters_t parameters;
     opj_set_default_decoder_parameters(&parameters);
     if (!codec || !stream || opj_setup_decoder(codec.get(), &parameters) == OPJ_FALSE) {
-        return "OpenJPEG has no memory";
+        return "OpenJPEG is out of memory";
     }
     opj_stream_set_read_function(stream.get(), read_rest);
     opj_stream_set_skip_function(stream.get(), skip);
@@ -196,12 +196,12 @@ std::string unpack_jpeg2000(std::span<const char> frame, const DicomNumbers& num
     const OPJ_BOOL read = opj_read_header(stream.get(), codec.get(), &header);
     const std::unique_ptr<opj_image_t, void (*)(opj_image_t*)> image(header, opj_image_destroy);
     if (read == OPJ_FALSE || opj_decode(codec.get(), stream.get(), image.get()) == OPJ_FALSE) {
-        return "the frame's JPEG 2000 stream cannot be unpacked";
+        return "the frame's JPEG 2000 stream cannot be decoded";
     }
     const opj_image_comp_t& component = image->comps[0];
     if (image->numcomps != 1 || component.data == nullptr || component.w != numbers.columns ||
         component.h != numbers.rows) {
-        return "the frame's JPEG 2000 stream has another size than its header";
+        return "the frame's JPEG 2000 stream does not have the size in its header";
     }
     switch (numbers.allocated) {
         case 8:
@@ -288,7 +288,7 @@ bool unpack_apart(const gdcm::TransferSyntax& syntax, const DicomNumbers& number
     void* const shared =
         ::mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     if (shared == MAP_FAILED) {
-        throw Error(ErrorKind::limit, {name}, "there is no memory to unpack a frame",
+        throw Error(ErrorKind::limit, {name}, "there is too little memory to decode a frame",
                     {{RemedyKind::less_memory}});
     }
     const std::span<std::byte> room(static_cast<std::byte*>(shared), size);
@@ -318,7 +318,7 @@ bool unpack_apart(const gdcm::TransferSyntax& syntax, const DicomNumbers& number
     }
     ::munmap(shared, size);
     if (child < 0) {
-        throw Error(ErrorKind::limit, {name}, "the system refuses a process to unpack a frame",
+        throw Error(ErrorKind::limit, {name}, "the system cannot start a process to decode a frame",
                     {{RemedyKind::raise_limit}});
     }
     return good;
@@ -332,23 +332,22 @@ std::string unpack_frame(const std::string& syntax, const DicomNumbers& numbers,
                       (type != gdcm::TransferSyntax::TS_END || is_jpeg2000(frame));
     if (!jpeg) {
         throw Error(ErrorKind::unsupported, {name},
-                    fmt::format("the numbers are packed as {} (transfer syntax), which is not "
-                                "read: repack the file, for example with gdcmconv",
+                    fmt::format("the transfer syntax {} is not supported; convert the file, for "
+                                "example with gdcmconv",
                                 syntax));
     }
     // A decoder trusts the size in the stream, so it is checked first.
     const std::optional<CodestreamSize> size = codestream_size(frame);
     if (!size) {
-        return "the frame is no stream of JPEG, JPEG-LS or JPEG 2000";
+        return "the frame is not a JPEG, JPEG-LS or JPEG 2000 stream";
     }
     if (size->columns != numbers.columns || size->rows != numbers.rows || size->components != 1) {
         return fmt::format(
-            "the stream has {} x {} pixels of {} components, the header says "
-            "{} x {} of 1",
+            "the stream has {} x {} pixels of {} components, but the header says {} x {} of 1",
             size->columns, size->rows, size->components, numbers.columns, numbers.rows);
     }
     if (size->bits > numbers.allocated || (size->bits <= 8 && numbers.stored > 8)) {
-        return fmt::format("the stream has numbers of {} bits, the header says {}", size->bits,
+        return fmt::format("the stream has numbers of {} bits, but the header says {}", size->bits,
                            numbers.stored);
     }
     if (is_jpeg2000(frame)) {
@@ -358,7 +357,7 @@ std::string unpack_frame(const std::string& syntax, const DicomNumbers& numbers,
         unpack_apart(gdcm::TransferSyntax(type), numbers, frame, dst, name)) {
         return {};
     }
-    return "the frame cannot be unpacked";
+    return "the frame cannot be decoded";
 }
 
 }  // namespace

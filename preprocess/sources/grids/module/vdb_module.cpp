@@ -178,7 +178,7 @@ std::string choose_grid(const std::vector<NamedGrid>& grids, const std::string& 
     }
     if (fitting.empty() && !wanted.empty()) {
         throw Error(ErrorKind::not_found, {name},
-                    fmt::format("there is no grid {} of floating point numbers; there are:{}",
+                    fmt::format("there is no grid {} of floating point numbers; the file has:{}",
                                 wanted, list_of(grids)),
                     {{RemedyKind::choose_dataset}});
     }
@@ -204,13 +204,13 @@ std::unique_ptr<VolumeSource> open_grid(const openvdb::GridBase::Ptr& base,
     }
     if (grid->memUsage() > options.max_heap) {
         throw Error(ErrorKind::limit, {name},
-                    fmt::format("the grid takes {} bytes of memory", grid->memUsage()),
+                    fmt::format("the grid needs {} bytes of memory", grid->memUsage()),
                     {{RemedyKind::more_memory}});
     }
     const openvdb::math::Transform& transform = grid->transform();
     if (!transform.isLinear()) {
         throw Error(ErrorKind::unsupported, {name},
-                    "its transform has perspective; resample the grid");
+                    "a transform with perspective is not supported; resample the grid");
     }
     const openvdb::Coord size = box.dim();
     const openvdb::Vec3d first = transform.indexToWorld(box.min());
@@ -242,8 +242,8 @@ std::unique_ptr<VolumeSource> open_vdb(const VolumeInput& input, const SourceOpt
         if (const std::uint64_t end = end_of_vdb_grids(input.path()); end > size) {
             throw Error(
                 ErrorKind::corrupt, {path},
-                fmt::format("its grids end at byte {}, but the file has {}: it was cut short", end,
-                            size),
+                fmt::format("the grids end at byte {}, but the file has {} bytes; it was cut short",
+                            end, size),
                 {{RemedyKind::good_copy}});
         }
         openvdb::initialize();
