@@ -29,7 +29,7 @@ def test_the_installed_component_can_be_imported_from_any_folder(tmp_path):
                    check=True, capture_output=True)
     folder = tmp_path / "prefix" / "lib/python3/dist-packages"
     expected = {path.name for path in (ROOT / "tools/python/isonest").iterdir() if path.name != "__pycache__"}
-    expected |= {pathlib.Path(_core.__file__).name, "_volume.pyi"}
+    expected |= {pathlib.Path(_core.__file__).name, "_extracting.pyi", "_volume.pyi"}
     assert {path.name for path in (folder / "isonest").iterdir()} == expected
     assert not any(path.is_symlink() for path in (folder / "isonest").iterdir())
     assert {path.name for path in (tmp_path / "prefix").iterdir()} == {"lib", "share"}

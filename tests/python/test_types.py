@@ -10,6 +10,7 @@ import pytest
 from isonest import _core
 
 PACKAGE = pathlib.Path(_core.__file__).resolve().parent
+SOURCES = pathlib.Path(__file__).resolve().parents[2] / "tools" / "python"
 
 
 def public(names):
@@ -32,10 +33,12 @@ def test_the_stub_matches_the_module():
         assert public(members(classes[name])) == public(vars(getattr(_core, name))), name
 
 
-def test_mypy_agrees(tmp_path):
+@pytest.mark.parametrize("folder", [PACKAGE.parent, SOURCES], ids=["with the stubs", "with the code behind the stubs"])
+def test_mypy_agrees(tmp_path, folder):
     pytest.importorskip("mypy")
     done = subprocess.run([sys.executable, "-m", "mypy", "--python-version", "3.9", "--ignore-missing-imports",
-                           "--cache-dir", tmp_path, "-p", "isonest"], capture_output=True, text=True, check=False)
+                           "--cache-dir", tmp_path, "-p", "isonest"], capture_output=True, text=True, check=False, cwd=folder,
+                          env={**os.environ, "MYPYPATH": str(folder)})
     assert done.returncode == 0, done.stdout
 
 

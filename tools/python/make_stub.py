@@ -1,64 +1,87 @@
 #!/usr/bin/env python3
-"""Writes _volume.pyi, so that type checkers know the keywords of isonest.isosurface.
+"""Writes _extracting.pyi and _volume.pyi, so that type checkers know the keywords and results of isosurface.
 
-isonest.isosurface passes all keywords that it does not name itself to Store.isosurface. Their names, types and defaults
-are written once, in _extracting.py; the stub contains them twice, for one isovalue and for several.
+Both modules have a function isosurface that returns a mesh for one isovalue and a list for several, and
+isonest.isosurface passes all keywords that it does not name itself to Store.isosurface. Names, types and defaults are
+written once, in the signature of Store.isosurface; the stubs contain them for each function and each kind of result.
 
-usage: make_stub.py PACKAGE OUTPUT
+usage: make_stub.py PACKAGE OUTPUT_FOLDER
 """
 import ast
+import copy
 import pathlib
 import sys
 
+RESULTS = (("float", "Mesh"), ("Sequence[float]", "list[Mesh]"))
+
+
+def expression(text):
+    return ast.parse(text, mode="eval").body
+
 
 def module(folder, name):
-    return ast.parse((folder / name).read_text(encoding="utf-8"))
+    return ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))
 
 
-def functions(body, name):
-    return [node for node in body if isinstance(node, ast.FunctionDef) and node.name == name]
+def overloads(function, query):
+    """The signatures of a function isosurface, with the keywords of `query` in place of its own `**query`."""
+    for iso, result in RESULTS:
+        signature = copy.deepcopy(function)
+        arguments = signature.args
+        at = next(i for i, a in enumerate(arguments.args) if a.arg == "iso")
+        has_default = len(arguments.args) - at <= len(arguments.defaults)
+        if has_default and iso == "float":
+            iso = f"Optional[{iso}]"
+        elif has_default:
+            arguments.defaults.pop()
+        arguments.args[at].annotation = expression(iso)
+        if arguments.kwarg is not None:
+            own = {a.arg for a in arguments.kwonlyargs}
+            more = [(a, d) for a, d in zip(query.args.kwonlyargs, query.args.kw_defaults) if a.arg not in own]
+            arguments.kwonlyargs += [a for a, _ in more]
+            arguments.kw_defaults += [d for _, d in more]
+            arguments.kwarg = None
+        signature.returns = expression(result)
+        signature.decorator_list = [expression("overload")]
+        yield signature
 
 
-def overloads(folder):
-    """The overloads of Store.isosurface."""
-    extracting = next(node for node in module(folder, "_extracting.py").body if isinstance(node, ast.ClassDef))
-    return [f for f in functions(extracting.body, "isosurface") if f.decorator_list]
-
-
-def stub_of(function, like=None):
-    """The signature; `like`: an overload with the types of isovalue and result, and the keywords of `**query`."""
-    arguments = function.args
-    if like is not None:
-        own = {a.arg for a in arguments.kwonlyargs}
-        more = [(a, d) for a, d in zip(like.args.kwonlyargs, like.args.kw_defaults) if a.arg not in own]
-        iso = like.args.args[1].annotation
-        one = ast.unparse(iso) == "float"
-        arguments = ast.arguments(
-            posonlyargs=[], args=[arguments.args[0], ast.arg("iso", ast.parse("Optional[float]").body[0].value if one else iso)],
-            defaults=[ast.Constant(None)] if one else [],
-            kwonlyargs=arguments.kwonlyargs + [a for a, _ in more],
-            kw_defaults=arguments.kw_defaults + [d for _, d in more])
-    stub = ast.FunctionDef(name=function.name, args=arguments, body=[ast.Expr(ast.Constant(...))],
-                           decorator_list=[] if like is None else [ast.Name("overload", ast.Load())],
-                           returns=(like or function).returns, lineno=0)
-    return ast.unparse(ast.fix_missing_locations(stub))
+def without_code(body, query):
+    """Imports, assignments, and the signatures of functions and methods."""
+    kept = []
+    for node in body:
+        if isinstance(node, ast.ClassDef):
+            node.body = without_code(node.body, query)
+            kept.append(node)
+        elif isinstance(node, ast.FunctionDef):
+            kept += list(overloads(node, query)) if node.name == "isosurface" else [node]
+        elif isinstance(node, (ast.Assign, ast.AnnAssign, ast.Import)) or (
+                isinstance(node, ast.ImportFrom) and node.module != "__future__"):
+            kept.append(node)
+    for node in kept:
+        if isinstance(node, ast.FunctionDef):
+            node.body = [ast.Expr(ast.Constant(...))]
+    return kept
 
 
 def main(folder, output):
-    volume = module(folder, "_volume.py")
-    lines = ["from typing import overload"]
-    for source in (volume, module(folder, "_extracting.py")):
-        for node in source.body:
-            if isinstance(node, (ast.Import, ast.ImportFrom)) and getattr(node, "module", "") != "__future__":
-                lines.append(ast.unparse(node))
-            elif isinstance(node, ast.Assign):
-                lines.append(ast.unparse(node))
-    lines.append("from ._extracting import Extracting")
-    for function in volume.body:
-        if isinstance(function, ast.FunctionDef):
-            likes = overloads(folder) if function.args.kwarg is not None else [None]
-            lines += [stub_of(function, like) for like in likes]
-    output.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    extracting, volume = module(folder, "_extracting"), module(folder, "_volume")
+    extracting_class = next(node for node in extracting.body if isinstance(node, ast.ClassDef))
+    query = copy.deepcopy(next(node for node in extracting_class.body if getattr(node, "name", "") == "isosurface"))
+    extracting.body = without_code(extracting.body, query)
+    # The types of the query's keywords are those that _extracting.py imports and defines.
+    names = [copy.deepcopy(node) for node in extracting.body if not isinstance(node, ast.ClassDef)]
+    own = without_code(volume.body, query)
+    imported = {alias.name for node in own if isinstance(node, ast.ImportFrom) for alias in node.names}
+    for node in names:
+        if isinstance(node, ast.ImportFrom):
+            node.names = [alias for alias in node.names if alias.name not in imported]
+    own.insert(0, ast.ImportFrom("_extracting", [ast.alias(extracting_class.name)], 1))
+    volume.body = [node for node in names if getattr(node, "names", True)] + own
+    volume.body.sort(key=lambda node: not isinstance(node, (ast.Import, ast.ImportFrom)))
+    for name, tree in (("_extracting", extracting), ("_volume", volume)):
+        text = "from typing import overload\n" + ast.unparse(ast.fix_missing_locations(tree)) + "\n"
+        (output / f"{name}.pyi").write_text(text, encoding="utf-8")
 
 
 main(pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2]))

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Optional, Sequence, Union, overload
+from typing import Any, Optional, Sequence, Union
 
 import numpy as np
 
@@ -24,38 +24,6 @@ class Extracting:
     @property
     def _frame(self) -> Frame:
         raise NotImplementedError
-
-    @overload
-    def isosurface(self, iso: float, *, error: float = 0.0, error_relative: Optional[float] = None,
-                   indicator: ErrorIndicator = "deviation", stop: Optional[str] = None,
-                   threshold: Optional[float] = None, threshold_relative: Optional[float] = None,
-                   distance: Distance = None, triangles: Optional[int] = None, by: By = "distance",
-                   effort: Optional[Effort] = None, keep_analysis: "bool | _Path" = False,
-                   focus: Union[None, Point, Box] = None, falloff: float = 0.0, camera: Optional[Point] = None,
-                   pixels: float = 1.0, fov: float = 40.0, height: int = 1080, box: Optional[Box] = None,
-                   bound: Optional[str] = None, view: Optional[Point] = None, cull_by: Optional[str] = None,
-                   normals: bool = True, vertex_values: "Optional[Extracting]" = None,
-                   vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Optional[Cells] = None,
-                   components: Components = None, min_component: int = 0, min_volume: float = 0.0,
-                   close: Close = None, volume_interval: bool = False, coordinates: Coordinates = "array",
-                   gradient_direction: str = "descent", quality: bool = False, memory: Bytes = "1G", threads: int = 0,
-                   scratch: _Path = "", progress: Progress = None) -> Mesh: ...
-
-    @overload
-    def isosurface(self, iso: Sequence[float], *, error: float = 0.0, error_relative: Optional[float] = None,
-                   indicator: ErrorIndicator = "deviation", stop: Optional[str] = None,
-                   threshold: Optional[float] = None, threshold_relative: Optional[float] = None,
-                   distance: Distance = None, triangles: Optional[int] = None, by: By = "distance",
-                   effort: Optional[Effort] = None, keep_analysis: "bool | _Path" = False,
-                   focus: Union[None, Point, Box] = None, falloff: float = 0.0, camera: Optional[Point] = None,
-                   pixels: float = 1.0, fov: float = 40.0, height: int = 1080, box: Optional[Box] = None,
-                   bound: Optional[str] = None, view: Optional[Point] = None, cull_by: Optional[str] = None,
-                   normals: bool = True, vertex_values: "Optional[Extracting]" = None,
-                   vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Optional[Cells] = None,
-                   components: Components = None, min_component: int = 0, min_volume: float = 0.0,
-                   close: Close = None, volume_interval: bool = False, coordinates: Coordinates = "array",
-                   gradient_direction: str = "descent", quality: bool = False, memory: Bytes = "1G", threads: int = 0,
-                   scratch: _Path = "", progress: Progress = None) -> "list[Mesh]": ...
 
     def isosurface(self, iso: "float | Sequence[float]", *, error: float = 0.0, error_relative: Optional[float] = None,
                    indicator: ErrorIndicator = "deviation", stop: Optional[str] = None,

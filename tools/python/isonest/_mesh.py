@@ -43,12 +43,12 @@ class Mesh:
     @property
     def vertices(self) -> np.ndarray:
         """(n, 3), float32. A view if no conversion is needed (world coordinates, or origin 0 and unrotated axes)."""
-        if self._vertices is None:
-            if self._coordinates == "world":
-                self._vertices = self._positions
-            else:
-                self._vertices = self._frame.points_to_array(self._positions)
-        return self._vertices
+        vertices = self._vertices
+        if vertices is None:
+            in_world = self._coordinates == "world"
+            vertices = self._positions if in_world else self._frame.points_to_array(self._positions)
+            self._vertices = vertices
+        return vertices
 
     @property
     def faces(self) -> np.ndarray:
@@ -75,18 +75,18 @@ class Mesh:
         return self._errors
 
     @property
-    def labels(self) -> Optional[np.ndarray]:
+    def labels(self) -> "np.ndarray | Any":
         """(m, 2), int64: for interfaces, the labels on both sides of each face, the smaller one first. The outside is
         ``report.outside`` and comes second. In world coordinates, faces are oriented from the first label to the
         second. None for other meshes."""
         return self._labels
 
     @property
-    def areas(self) -> "Optional[dict[tuple[int, int], float]]":
+    def areas(self) -> "dict[tuple[int, int], float] | Any":
         """For interfaces, the area in square world units per pair of labels. None for other meshes."""
         return self._areas
 
-    def __iter__(self) -> Iterator[Optional[np.ndarray]]:
+    def __iter__(self) -> Iterator[Any]:
         return iter((self.vertices, self.faces, self.normals, self.values))
 
     def __repr__(self) -> str:
@@ -180,8 +180,9 @@ class Mesh:
         import meshio
 
         kind = "line" if self._elements.shape[1] == 2 else "triangle"
-        cells = {} if self._labels is None else {"BoundaryLabels": [self._labels]}
-        return meshio.Mesh(self._positions, [(kind, self.faces)], point_data=self._attributes(), cell_data=cells)
+        attributes: "dict[str, Any]" = {**self._attributes()}
+        cells: "dict[str, Any]" = {} if self._labels is None else {"BoundaryLabels": [self._labels]}
+        return meshio.Mesh(self._positions, [(kind, self.faces)], point_data=attributes, cell_data=cells)
 
     def to_trimesh(self) -> Any:
         """Converts to a ``trimesh.Trimesh`` in world coordinates. Raises ValueError for lines."""

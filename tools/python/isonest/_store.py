@@ -206,7 +206,7 @@ class Store(Extracting):
         """The analyses of surfaces kept next to the store (``keep_analysis=True``)."""
         return _core.analyses(self._core)
 
-    def values(self, level: int = 0, box: Optional[Sequence[Union[slice, int]]] = None, *, memory: Bytes = "256M",
+    def values(self, level: int = 0, box: Union[None, slice, int, Sequence[Union[slice, int]]] = None, *, memory: Bytes = "256M",
                threads: int = 0, progress: Progress = None) -> np.ndarray:
         """Reads the values of a level: ``array[::2**level, ::2**level, ::2**level]``. 64-bit labels are int64.
 
@@ -218,7 +218,7 @@ class Store(Extracting):
         """
         shape = self.level_shape(level)
         low, high, drop = [], [], []
-        places = tuple(box) if isinstance(box, (tuple, list)) else () if box is None else (box,)
+        places = () if box is None else (box,) if isinstance(box, (slice, int, np.integer)) else tuple(box)
         if len(places) > 3:
             raise ValueError(f"box={box!r}: give three slices")
         for axis, place in enumerate(places + (slice(None),) * (3 - len(places))):
