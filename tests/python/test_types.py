@@ -2,6 +2,7 @@
 import ast
 import os
 import pathlib
+import re
 import subprocess
 import sys
 
@@ -31,6 +32,39 @@ def test_the_stub_matches_the_module():
     assert public(named) == public(vars(_core))
     for name in public(classes):
         assert public(members(classes[name])) == public(vars(getattr(_core, name))), name
+
+
+def parameters(documentation):
+    """The names of the parameters, from the signature that pybind11 writes; none for overloaded functions."""
+    signature = re.match(r"\w+\((.*)\) -> .*", documentation.split("\n")[0])
+    if signature is None:
+        return None
+    text = signature[1]
+    while re.search(r"[\[(][^][()]*[\])]", text):  # the types contain commas too
+        text = re.sub(r"[\[(][^][()]*[\])]", "", text)
+    return [part.split(":")[0].split("=")[0].strip() for part in text.split(",") if part.strip(" *")]
+
+
+def test_the_stub_has_the_parameters_of_the_module():
+    tree = ast.parse((PACKAGE / "_core.pyi").read_text(encoding="utf-8"))
+    classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+
+    def methods(node):
+        inherited = [method for base in node.bases for method in methods(classes[base.id])]
+        return inherited + [n for n in node.body if isinstance(n, ast.FunctionDef) and not n.decorator_list]
+
+    pairs = [(node, getattr(_core, node.name)) for node in tree.body if isinstance(node, ast.FunctionDef)]
+    pairs += [(method, getattr(getattr(_core, name), method.name)) for name in public(classes)
+              for method in methods(classes[name])]
+    compared = 0
+    for stub, function in pairs:
+        ours = [argument.arg for argument in stub.args.args + stub.args.kwonlyargs]
+        theirs = parameters(function.__doc__ or "")
+        if theirs is not None:
+            compared += 1
+            named = [mine if re.fullmatch(r"arg\d+", name) else name for name, mine in zip(theirs, ours)]
+            assert (len(theirs), named) == (len(ours), ours), f"{function}: {theirs}"
+    assert compared > 50
 
 
 @pytest.mark.parametrize("folder", [PACKAGE.parent, SOURCES], ids=["with the stubs", "with the code behind the stubs"])
