@@ -1,10 +1,10 @@
-"""The documents: links lead somewhere, and the program has the options that are mentioned.
+"""The documents: links lead somewhere, the program has the options that are mentioned, with the values that are
+mentioned, and OPTIONS.md is the program's table of options.
 
 usage: documents_test.py ISONEST PLUGIN_FOLDER
 """
 import pathlib
 import re
-import subprocess
 import sys
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -40,22 +40,38 @@ for document in documents:
         elif anchor and anchor not in anchors(other):
             faults.append(f"{name}: no such heading: {target}")
 
-isonest = sys.argv[1]
-commands = re.findall(r"^  ([a-z-]+)  ", subprocess.run([isonest, "--help"], check=True, text=True,
-                                                        stdout=subprocess.PIPE).stdout, re.M)
-known = set()
-for command in ["", *commands]:
-    shown = subprocess.run([isonest, *filter(None, [command]), "--help"], check=True, text=True,
-                           stdout=subprocess.PIPE).stdout
-    known |= set(re.findall(r"--[a-z-]+", shown))
-if len(commands) < 5:
-    faults.append(f"the program's help names the commands {commands}")
+sys.path.insert(0, str(ROOT / "tools/cli/options"))
+import options_page  # noqa: E402
+
+table = options_page.commands_of(sys.argv[1])
+forms = {}  # of the value of each option, in all commands
+for command in table:
+    for option in command["options"]:
+        forms.setdefault(option["name"], set()).add(option["value"])
+if len(table) < 5 or "--error" not in forms:
+    faults.append(f"the program's table has the commands {[command['command'] for command in table]}")
+mentioned = 0
 for document in (ROOT / "README.md", ROOT / "tools/MANUAL.md"):
+    name = document.relative_to(ROOT)
     for paragraph in document.read_text(encoding="utf-8").split("\n\n"):
         if re.search(r"cmake |tools/(bench|figures|install-deps|test)|put-bucket-cors|bwrap ", paragraph):
             continue  # other programs' options
-        for option in set(re.findall(r"--[a-z][a-z-]+", paragraph)) - known:
-            faults.append(f"{document.relative_to(ROOT)}: the program has no {option}: {paragraph}")
+        for option in set(re.findall(r"--[a-z][a-z-]+", paragraph)) - forms.keys() - {"--version"}:
+            faults.append(f"{name}: the program has no {option}: {paragraph}")
+        # The form of a value, in capitals or as a list of choices: `--min-volume V`, `--frame ras|lps`.
+        for span in re.findall(r"`([^`\n]+)`", paragraph):
+            for option, form in re.findall(r"(--[a-z-]+)[ =]?((?:\[=)?[A-Z][A-Z,:\[\]]*|[a-z]+(?:\|[a-z]+)+)(?![\w.])", span):
+                mentioned += 1
+                if option in forms and not any(form in known for known in forms[option]):
+                    faults.append(f"{name}: the value of {option} has the form {forms[option]}: {span}")
+if mentioned < 20:
+    faults.append(f"only {mentioned} values of options were recognised")
+
+page = ROOT / "tools/OPTIONS.md"
+if not any(command["command"] == "view" for command in table):
+    print("tools/OPTIONS.md was not compared: this build has no viewer")
+elif options_page.page(table) != page.read_text(encoding="utf-8"):
+    faults.append(f"tools/OPTIONS.md is not the program's table: {options_page.__file__} ISONEST > {page}")
 
 print("\n".join(faults) or f"{len(documents)} documents")
 sys.exit(1 if faults else 0)

@@ -128,7 +128,7 @@ Outcome guarded(const HasOption& has, const Work& work) {
         const bool lacks = code == std::errc::resource_unavailable_try_again ||
                            code == std::errc::not_enough_memory;  // a thread could not be started
         return failed(Error(lacks ? ErrorKind::limit : ErrorKind::io,
-                            fmt::format("the system refuses a resource: {}", e.what())),
+                            fmt::format("the system refused a resource: {}", e.what())),
                       has);
     } catch (const std::exception& e) {
         const std::string message = fmt::format("internal error, please report it: {}", e.what());
@@ -238,6 +238,22 @@ Outcome run(const Program& program, const Invocation& chosen) {
     return outcome;
 }
 
+/// The options of the chosen command; without one, of all commands.
+Json help_json(CLI::App& app) {
+    const auto of_command = [](const CLI::App& command) {
+        return Json{{"command", command.get_name()}, {"options", options_json(command)}};
+    };
+    if (const std::vector<CLI::App*> chosen = app.get_subcommands(); !chosen.empty()) {
+        return of_command(*chosen.front());
+    }
+    Json commands = Json::array();
+    for (CLI::App* const command : app.get_subcommands([](CLI::App* /*any*/) { return true; })) {
+        describe_options(*command);
+        commands.push_back(of_command(*command));
+    }
+    return {{"commands", commands}};
+}
+
 Outcome parse_and_run(const Program& program, CLI::App& app, const Invocation& chosen, int argc,
                       char** argv) {
     std::optional<std::string> wrong;
@@ -246,6 +262,11 @@ Outcome parse_and_run(const Program& program, CLI::App& app, const Invocation& c
         wrong = stray_word(*app.get_subcommands().front(), argc, argv);
     } catch (const CLI::ParseError& e) {
         if (e.get_exit_code() == 0) {  // --help, --version
+            if (e.get_name() == "CallForHelp" && asks_for_json(argc, argv)) {
+                Outcome outcome;
+                outcome.text = dump(help_json(app)) + "\n";
+                return outcome;
+            }
             std::ostringstream text;
             app.exit(e, text, text);
             Outcome outcome;

@@ -1,7 +1,9 @@
-// The table of all options: their group, the form of their value, and their line in the help.
+// The table of all options: their group, the form of their value, their line in the help, and their
+// argument in Python.
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <span>
 #include <vector>
 
@@ -28,5 +30,10 @@ void describe_options(CLI::App& command);
 
 /// The options of the command that belong to this group, in the order of the table.
 std::vector<const CLI::Option*> options_in(const CLI::App& command, const char* group);
+
+/// All options and positional arguments of the command, after describe_options(): for each the
+/// `name`, the form of its `value`, its `text`, whether it is `required`, its `group`, and in
+/// `python` the `argument` and its `type`, or in `none` why there is no argument.
+nlohmann::ordered_json options_json(const CLI::App& command);
 
 }  // namespace isonest::detail::cli

@@ -33,7 +33,7 @@ def _type_in_store(dtype: np.dtype, masked: bool) -> np.dtype:
     if dtype in (np.dtype(np.int64), np.dtype(np.uint64)):
         return np.dtype(np.float64)
     if dtype.name not in _TYPES:
-        raise TypeError(f"a volume of {dtype}: give integers, truth values, float16, float32 or float64")
+        raise TypeError(f"a volume of {dtype}: give integers, booleans, float16, float32 or float64")
     return np.dtype(dtype.name)
 
 
@@ -62,7 +62,7 @@ class _Reader:
                 slab = np.where(mask, 0, slab)
             if slab.size and (slab.max() > _EXACT or slab.min() < -_EXACT):
                 raise ValueError(f"{self.name}: integers beyond 2**53, which float64 does not hold; "
-                                 "scale them, or take an offset off them, first")
+                                 "scale them or subtract an offset first")
         dense = np.ascontiguousarray(slab, dtype=self.dtype)
         if mask is not np.ma.nomask and mask.any():
             dense = np.where(mask, np.array(np.nan, self.dtype), dense)
@@ -111,7 +111,7 @@ def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[S
         volume = np.asarray(volume)
     ndim = len(volume.shape)
     if ndim not in (2, 3):
-        raise ValueError(f"an array of shape {tuple(volume.shape)}: a volume has three axes, a map two")
+        raise ValueError(f"an array of shape {tuple(volume.shape)}: give an array with three axes, or with two for data in a plane")
     if 0 in volume.shape:
         raise ValueError(f"an array of shape {tuple(volume.shape)} has no values")
     files = _files_of(volume)
@@ -142,7 +142,8 @@ def of_volume(volume: Any, *, identified: bool, memory: int, spacing: Optional[S
               missing: Optional[float] = None, dataset: str = "", series: str = "", labels: bool = False,
               label_names: Any = None, index: Any = None, crop: Optional[Sequence[slice]] = None,
               every: Union[int, Sequence[int]] = 1, shape: Optional[Sequence[int]] = None, dtype: Any = None,
-              offset: Optional[int] = None, headers: Headers = None, cache: Any = None) -> Any:
+              offset: Optional[int] = None, headers: Headers = None,
+              cache: "os.PathLike[str] | str | None" = None) -> Any:
     """A source for an array or files. ``memory``: of the work that reads it, including :func:`for_fetching`."""
     if is_files(volume):
         return of_files(volume, spacing=spacing, origin=origin, unit=unit, frame=frame, missing=missing, dataset=dataset,
@@ -195,7 +196,7 @@ def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional
              unit: Optional[str], frame: Optional[PatientFrame], missing: Optional[float], dataset: str, series: str, labels: bool,
              label_names: Any, index: Any, shape: Optional[Sequence[int]], dtype: Any, offset: Optional[int],
              crop: Optional[Sequence[slice]], every: Union[int, Sequence[int]], max_heap: int,
-             headers: Headers, cache: Any, fetching: int) -> Any:
+             headers: Headers, cache: "os.PathLike[str] | str | None", fetching: int) -> Any:
     """A source for a file, a folder, several files, or a URL."""
     options = _core.SourceOptions()
     lines, folder = to_header_lines(headers), to_cache(cache)
@@ -206,7 +207,7 @@ def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional
     options.offset, options.missing, options.max_heap = offset, missing, max_heap
     ndim = next((len(numbers) for numbers in (shape, spacing, origin) if numbers is not None), 3)
     if ndim not in (2, 3):
-        raise ValueError(f"shape={shape!r}: give three numbers, or two for a map")
+        raise ValueError(f"shape={shape!r}: give three numbers, or two for data in a plane")
     if shape is not None:
         options.set_dims(per_axis("shape", [int(n) for n in shape], ndim, 1))
     if dtype is not None:
