@@ -335,7 +335,9 @@ std::unique_ptr<VolumeSource> open_npz(const VolumeInput& input, const SourceOpt
     }
     if (chosen == nullptr) {
         throw Error(ErrorKind::not_found, {path.string()},
-                    fmt::format("there is no array '{}'; the file has:{}", options.dataset, list));
+                    options.dataset.empty() ? std::string("there is no array in the file")
+                                            : fmt::format("there is no array '{}'; the file has:{}",
+                                                          options.dataset, list));
     }
     if (options.dataset.empty() && arrays > 1) {
         throw Error(ErrorKind::invalid_argument, {path.string()},

@@ -151,7 +151,9 @@ class Parser {
         }
         if (!found_) {
             throw Error(ErrorKind::not_found, {name_},
-                        fmt::format("there is no array '{}'; the file has:{}", wanted_,
+                        fmt::format("there is no array{}; the file has:{}",
+                                    wanted_.empty() ? std::string(" of points")
+                                                    : fmt::format(" '{}'", wanted_),
                                     list_.empty() ? " none" : list_),
                         {{RemedyKind::choose_dataset}});
         }

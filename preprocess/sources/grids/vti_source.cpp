@@ -52,8 +52,10 @@ const VtiArray& choose(const std::vector<VtiArray>& arrays, const SourceOptions&
     }
     if (chosen == nullptr) {
         throw Error(ErrorKind::not_found, {name},
-                    fmt::format("there is no array '{}' of points; the file has:{}",
-                                options.dataset, list_of(arrays)),
+                    fmt::format("there is no array {}; the file has:{}",
+                                options.dataset.empty() ? std::string("of points")
+                                                        : fmt::format("'{}'", options.dataset),
+                                list_of(arrays)),
                     {{RemedyKind::choose_dataset}});
     }
     if (options.dataset.empty() && points > 1) {

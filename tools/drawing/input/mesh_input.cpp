@@ -51,7 +51,7 @@ const Format* format_of(const std::filesystem::path& path) {
 
 const std::byte* MeshBytes::at(std::uint64_t offset, std::uint64_t bytes) const {
     if (offset > size() || bytes > size() - offset) {
-        fail(fmt::format("byte {}: {} bytes are to follow, but the file has {}", offset, bytes,
+        fail(fmt::format("byte {}: {} more bytes are expected, but the file has {}", offset, bytes,
                          size()));
     }
     return file_.bytes().data() + offset;
@@ -113,7 +113,7 @@ void PlyScratch::triangle(const std::array<std::uint64_t, 3>& corners) {
 
 ScratchFile PlyScratch::finish() {
     if (triangles_ > 0 && largest_ >= vertices_) {
-        fail(fmt::format("a triangle names vertex {}, but there are {}", largest_, vertices_));
+        fail(fmt::format("a triangle refers to vertex {}, but there are {}", largest_, vertices_));
     }
     vertex_rows_.flush();
     face_rows_.flush();
@@ -252,7 +252,7 @@ class Inflated {
         : name_(path.string()), file_(path, std::ios::binary), member_(member) {
         file_.seekg(static_cast<std::streamoff>(member.start));
         if (inflateInit2(&stream_, -MAX_WBITS) != Z_OK) {
-            throw Error(ErrorKind::limit, {name_}, "zlib has no memory");
+            throw Error(ErrorKind::limit, {name_}, "zlib is out of memory");
         }
     }
     Inflated(const Inflated&) = delete;
@@ -281,7 +281,7 @@ class Inflated {
         }
         const int result = inflate(&stream_, Z_NO_FLUSH);
         if (result != Z_OK && result != Z_STREAM_END) {
-            throw Error(ErrorKind::corrupt, {name_, member_.name}, "cannot be unpacked",
+            throw Error(ErrorKind::corrupt, {name_, member_.name}, "cannot be decompressed",
                         {{RemedyKind::good_copy}});
         }
         text.append(out.data(), out.size() - stream_.avail_out);
@@ -344,6 +344,10 @@ void read_obj(const std::filesystem::path& path, PlyScratch& to, Progress& progr
     if (!file) {
         throw Error(ErrorKind::not_found, {path.string()}, "cannot open");
     }
+    // Lines of a mesh that describe neither a vertex nor a face.
+    constexpr std::array<std::string_view, 11> kOther{"",   "l",  "p",  "g",      "o",     "s",
+                                                      "vt", "vn", "vp", "mtllib", "usemtl"};
+    bool is_foreign = false;
     std::string line;
     for (std::uint64_t number = 1; next_line(file, line); ++number) {
         if (number % 65536 == 0) {
@@ -358,13 +362,18 @@ void read_obj(const std::filesystem::path& path, PlyScratch& to, Progress& progr
             std::array<double, 3> p{};
             for (double& c : p) {
                 if (!to_number(next_word(rest), c)) {
-                    to.fail(fmt::format("line {} is no vertex", number));
+                    to.fail(fmt::format("line {} is not a vertex", number));
                 }
             }
             to.vertex(p, NAN);
         } else if (key == "f") {
             read_face(rest, to);
+        } else if (!key.starts_with('#')) {
+            is_foreign = is_foreign || std::find(kOther.begin(), kOther.end(), key) == kOther.end();
         }
+    }
+    if (to.vertices() == 0 && is_foreign) {
+        to.fail("not an OBJ mesh: no line describes a vertex");
     }
 }
 
