@@ -446,7 +446,7 @@ seed("netcdf3", "records", saved("v.nc", lambda p: records(p)))
 
 
 def objects(**of):
-    """Input for the target far_zarr: objects by their numbers."""
+    """Input for the target remote_zarr: objects by their numbers."""
     return b"".join(bytes([int(n[1:])]) + struct.pack("<H", len(text)) + text
                     for n, text in ((n, json.dumps(value).encode()) for n, value in of.items()))
 
@@ -454,11 +454,11 @@ def objects(**of):
 group3 = {"zarr_format": 3, "node_type": "group", "attributes": {"ome": {"version": "0.5", "multiscales": [image]}}}
 array2 = {"zarr_format": 2, "shape": [2, 3, 4], "chunks": [2, 3, 4], "dtype": "<i2", "compressor": None, "fill_value": 0,
           "order": "C", "filters": None}
-seed("far_zarr", "v3", objects(_0={**group3, "consolidated_metadata": {"kind": "inline", "must_understand": False,
+seed("remote_zarr", "v3", objects(_0={**group3, "consolidated_metadata": {"kind": "inline", "must_understand": False,
                                                                        "metadata": {"0": array}}}))
-seed("far_zarr", "v2", objects(_4={"zarr_consolidated_format": 1, "metadata": {
+seed("remote_zarr", "v2", objects(_4={"zarr_consolidated_format": 1, "metadata": {
     ".zgroup": {"zarr_format": 2}, ".zattrs": {"multiscales": [image]}, "0/.zarray": array2}}, _3={"zarr_format": 2}))
-seed("far_zarr", "plain", objects(_1=array2, _2={"a": 1}, _5=array2))
+seed("remote_zarr", "plain", objects(_1=array2, _2={"a": 1}, _5=array2))
 asked = bytes([10, 20, 2, 0, 0, 200, 0, 1])
 reply = b"HTTP/1.1 206 Partial Content\r\nContent-Range: bytes 10-29/200\r\nContent-Length: 20\r\nETag: \"a\"\r\n"
 seed("answer", "part", asked + reply + b"Last-Modified: Thu, 26 Nov 2026 20:00:00 GMT\r\n\r\n")

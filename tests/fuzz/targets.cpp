@@ -260,7 +260,7 @@ const std::vector<Target>& targets() {
         {"netcdf3", [](Bytes bytes) { one_file("v.nc", bytes); }},
         {"vtk", [](Bytes bytes) { one_file("v.vtk", bytes); }},
         {"vti", [](Bytes bytes) { one_file("v.vti", bytes); }},
-        {"far_zarr", remote_zarr},
+        {"remote_zarr", remote_zarr},
         {"answer", answer},
         {"object_url", object_url},
         {"cached_block", cached_block},
