@@ -156,7 +156,7 @@ class Bytes(Case):
         self.assertGreater(said["area"], 0)
         text = self.works("extract", path, "--iso", "1000", "-o", self.mesh)
         self.assertIn("every value is below 1000; they are ", text)
-        self.assertIn("straight from", text)
+        self.assertNotIn(" chunks", text)  # of a store
 
 
 # What can be requested of a surface in addition to its isovalue; a store needs no field beyond the default for it.
@@ -304,7 +304,6 @@ class Refused(Case):
         junk = self.here / "junk"
         junk.write_bytes(b"hello world" * 100)
         said = self.fails(2, "extract", junk, "--iso", "100")
-        self.assertIn("no store", said)
         self.assertIn("NRRD", said)
         self.assertIn("--dims", said)
         self.fails(3, "extract", self.here / "nothing.nrrd", "--iso", "100")

@@ -180,7 +180,7 @@ class Histogram(unittest.TestCase):
             plot = self.here / "constant.png"
             text = run("info", store, "--histogram", "-o", plot)
             self.assertEqual(text.returncode, 0, text.stderr)
-            self.assertIn("no value" if h["missing"] else "no isovalue to suggest", text.stdout)
+            self.assertIn("missing" if h["missing"] else "no isovalue to suggest", text.stdout)
             self.assertEqual(plot.read_bytes()[:4], b"\x89PNG")
 
     def test_declared_missing_values_are_left_out(self):

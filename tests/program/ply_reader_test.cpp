@@ -134,10 +134,10 @@ TEST_CASE("for indices beyond the vertices the message names the face") {
     std::string message;
     CHECK(failure_of(quad_header + quad_vertices + face({0, 1, 2}) + face({0, 4, 3}), &message) ==
           ErrorKind::corrupt);
-    CHECK(message.find("face 1: names vertex 4") != std::string::npos);
+    CHECK(message.find("face 1: refers to vertex 4") != std::string::npos);
     CHECK(failure_of(quad_header + quad_vertices + face({0, -1, 2}) + face({0, 2, 3}), &message) ==
           ErrorKind::corrupt);
-    CHECK(message.find("face 0: names vertex -1") != std::string::npos);
+    CHECK(message.find("face 0: refers to vertex -1") != std::string::npos);
 }
 
 TEST_CASE("corner counts other than 3 are refused in a file of the right size") {

@@ -342,7 +342,7 @@ class Distances(Units):
             self.store(unit)
             self.assertEqual(json.loads(self.extract("m.ply", "--json").stdout)["unit"], unit)
             text = served.run([ISONEST, "info", self.here / "s.isonest"], capture_output=True, text=True).stdout
-            self.assertIn("unit um (micrometre)" if unit else "unit not known", text)
+            self.assertIn("unit um (micrometre)" if unit else "unknown unit", text)
             sliced = served.run([ISONEST, "slice", self.here / "s.isonest", "--plane", "0,0,1,800", "-o",
                                  self.here / "p.vtp", "--json"], capture_output=True, text=True)
             self.assertEqual(json.loads(sliced.stdout)["unit"], unit)

@@ -196,7 +196,7 @@ test("several stores are listed, links contain only a store's name, and the frag
 });
 
 test("a missing or damaged list is reported", async () => {
-  for (const [text, told] of [["{", /no list of stores/], ["{}", /no list/], [JSON.stringify({ isonest_site: 2 }), /publish the folder anew/],
+  for (const [text, told] of [["{", /list of stores/], ["{}", /list of stores/], [JSON.stringify({ isonest_site: 2 }), /publish the folder again/],
     [JSON.stringify({ isonest_site: 1, title: "", description: "", license: "", memory: 1, stores: [description("x", { url: "javascript:alert(1)" })] }), /damaged/]]) {
     await writeFile(join(folder.path, "site", "site.json"), text);
     const { page, close } = await openPage(browser, site.url);
@@ -220,7 +220,7 @@ test("the page reports why a worker cannot open the store or has died", async ()
   await second.close();
   await writeFile(join(folder.path, "site", "worker.js"), "this is no script");
   const third = await openPage(browser, site.url);
-  assert.match(await banner(third.page), /the part of the page that reads the store/i);
+  assert.match(await banner(third.page), /worker, which reads the store/i);
   await third.close();
   await writeFile(join(folder.path, "site", "worker.js"), kWorker);
 });

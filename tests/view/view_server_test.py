@@ -382,7 +382,7 @@ class Answers(unittest.TestCase):
         got = self.raw("HEAD /api/store HTTP/1.1", f"Host: 127.0.0.1:{self.view.port}", "", "this is no request", "")
         first, second, body = got.split(b"\r\n\r\n")
         self.assertTrue(first.startswith(b"HTTP/1.1 200 ") and second.startswith(b"HTTP/1.1 400 "), got)
-        self.assertEqual(body, b"this is no HTTP request\n")
+        self.assertEqual(body, b"not an HTTP request\n")
 
     def test_no_content_has_no_length(self):
         _, headers, _ = self.view.ask("/api/cancel", method="POST", stream="a")
@@ -637,7 +637,7 @@ class Trust(unittest.TestCase):
 
     def test_what_cannot_be_is_said_before_the_start(self):
         (HERE / "junk").write_bytes(b"hello world" * 100)
-        for options, code, words in ((["none.isonest"], 3, "none.isonest"), (["junk"], 2, "no store"),
+        for options, code, words in ((["none.isonest"], 3, "none.isonest"), (["junk"], 2, "--dims"),
                                      (["t.isonest", "--memory", "10M"], 7, "--memory"),
                                      (["t.isonest", "--port", "70000"], 2, "--port"),
                                      (["t.isonest", "--address", "here"], 2, "address")):

@@ -42,8 +42,8 @@ void declare(CLI::App& app, Invocation& chosen) {
 std::string why_missing([[maybe_unused]] const std::string& command) {
 #if !ISONEST_WITH_VIEW
     if (command == "view") {
-        return "this build has no viewer: it needs libboost-dev, libmeshoptimizer-dev, nodejs and "
-               "npm when it is built";
+        return "this build has no viewer; building it needs libboost-dev, libmeshoptimizer-dev, "
+               "nodejs and npm";
     }
 #endif
     return {};
@@ -52,8 +52,8 @@ std::string why_missing([[maybe_unused]] const std::string& command) {
 Program whole_program() {
     return {"isonest",
             "isonest: isosurfaces with a guaranteed error from volumes of any size.\n"
-            "A volume is preprocessed once into a store; any isovalue, error and region is then\n"
-            "extracted from it without reading more than it needs.\n",
+            "A volume is preprocessed once into a store, from which surfaces of any isovalue, "
+            "error\nand region are then extracted, reading only the data that they need.\n",
 
             "Start here:\n"
             "  isonest make-volume bucky --size 129 -o bucky.h5\n"
@@ -61,19 +61,19 @@ Program whole_program() {
             "  isonest extract bucky.isonest --iso 0.5 --error 0.01 -o bucky.ply\n"
             "  isonest picture bucky.ply -o bucky.png\n"
             "`isonest COMMAND --help` explains a command and ends with examples.\n\n"
-            "Exit codes: 0 done, 1 internal error, 2 the request makes no sense, 3 not found,\n"
-            "4 corrupt data, 5 unsupported, 6 input/output failed, 7 a limit or the memory is\n"
-            "too small, 130 interrupted. No output file is left behind unless it is whole.\n"
-            "Meshes, pictures and plots replace an existing file of their name; stores and\n"
-            "volumes, which take longer to make, only with --force. Never replaced are files\n"
-            "that the command reads, links, devices, FIFOs and sockets; permissions stay.",
+            "Exit codes: 0 done, 1 internal error, 2 invalid request, 3 not found, 4 corrupt "
+            "data,\n5 unsupported, 6 input/output failed, 7 a limit or the memory is too "
+            "small,\n130 interrupted. An output file appears only when it is complete.\nMeshes, "
+            "pictures and plots replace an existing file; stores and volumes, which take\nlonger "
+            "to make, only with --force. Inputs of the command, links, devices, FIFOs and\nsockets "
+            "are never replaced; a replaced file keeps its permissions.",
             declare,
             why_missing,
             nullptr,
             publish::has_library(site_page_files())
                 ? std::vector<std::pair<std::string, std::string>>{}
                 : std::vector<std::pair<std::string, std::string>>{
-                      {"sites of publish", kPublishNeeds}}};
+                      {"writing sites (publish)", kPublishNeeds}}};
 }
 
 }  // namespace

@@ -49,7 +49,7 @@ ColorMap::ColorMap(const std::string& name, const std::string& option) {
                                            [&](const Table& t) { return t.name == wanted; });
     if (table == kTables.end()) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} '{}': give one of {}; _r at the end reverses it", option, name,
+                    fmt::format("{} '{}': give one of {}; append _r to reverse it", option, name,
                                 fmt::join(color_map_names(), ", ")));
     }
     constexpr std::size_t kDigits = 6;

@@ -7,7 +7,7 @@ namespace isonest::detail::cli {
 
 PictureReport draw_pictures(const PlyMesh& /*mesh*/, const std::vector<PictureView>& /*views*/,
                             const PictureOptions& /*options*/, Progress& /*progress*/) {
-    throw Error(ErrorKind::unsupported, "this build draws no pictures of meshes",
+    throw Error(ErrorKind::unsupported, "this build cannot draw meshes",
                 {{RemedyKind::install_package, "libosmesa6-dev"}});
 }
 

@@ -290,7 +290,7 @@ class HistogramPlot {
             c_.text(x + 20, y, words, 12, 0);
             y += 18;
         };
-        entry(kNodes, "nodes of a bin");
+        entry(kNodes, "nodes per bin");
         if (h_.cube_level) {
             const int edge = 1 << *h_.cube_level;
             entry(kCubes,

@@ -29,21 +29,21 @@ std::string why_missing(const std::string& command) {
                                 "export", "make-volume", "picture", "view"};
     return std::find(kAlone.begin(), kAlone.end(), command) == kAlone.end()
                ? ""
-               : fmt::format("{} is a command of isonest, for one process", command);
+               : fmt::format("{0} runs in one process only: use isonest {0}", command);
 }
 
 Program whole_program(Communicator& ranks) {
     return {
         "isonest-mpi",
         "isonest-mpi: isonest on several machines, or as several processes on one.\n"
-        "Every rank is a process with threads and a --memory of its own; files are the very bytes\n"
-        "that isonest writes.\n",
+        "Every rank is a process with its own threads and its own --memory; files have the "
+        "same\nbytes as those of isonest.\n",
         "Start here:\n"
         "  mpirun -n 4 isonest-mpi preprocess scan.h5 -o scan.isonest --memory 2G\n"
         "  mpirun -n 4 isonest-mpi extract scan.isonest --iso 300 -o scan.ply\n"
-        "`isonest-mpi COMMAND --help` explains a command; without mpirun it is one rank.\n"
-        "All ranks have to see the input, and the output's folder, under the same names.\n\n"
-        "Exit codes are those of isonest. If one rank fails, all end with its message.",
+        "`isonest-mpi COMMAND --help` explains a command; without mpirun there is one rank.\nAll "
+        "ranks need access to the input, and to the output's folder, under the same names.\n\nExit "
+        "codes are those of isonest. If one rank fails, all end with its message.",
         declare,
         why_missing,
         &ranks};

@@ -20,7 +20,7 @@ def _isonest():
     try:
         import isonest
     except ImportError as error:
-        raise RuntimeError(f"the Python package isonest is not there for this Python: {error}; install python3-isonest, or "
+        raise RuntimeError(f"this Python cannot import the package isonest: {error}; install python3-isonest, or "
                            "add the folder that holds it to PYTHONPATH before ParaView starts") from error
     return isonest
 
@@ -39,7 +39,7 @@ class _StoreReader(VTKPythonAlgorithmBase):
 
     def store(self):
         if not self._file or self._file == "None":
-            raise RuntimeError("no store is named")
+            raise RuntimeError("no file name is set")
         if self._store is None:
             self._store = _isonest().open(self._file)
         return self._store
@@ -90,7 +90,7 @@ class IsonestSurface(_StoreReader):
     @smproperty.xml("""
         <DoubleVectorProperty name="Isovalues" command="AddIsovalue" clean_command="ClearIsovalues" repeat_command="1"
                               number_of_elements_per_command="1">
-          <Documentation>The values whose surfaces are shown; none: the one that the store's histogram suggests
+          <Documentation>The isovalues of the surfaces; none: the one that the store's histogram suggests
           first.</Documentation>
         </DoubleVectorProperty>""")
     def AddIsovalue(self, value):
@@ -110,7 +110,7 @@ class IsonestSurface(_StoreReader):
             <Entry value="3" text="distance, in voxels"/>
             <Entry value="4" text="number of triangles"/>
           </EnumerationDomain>
-          <Documentation>What the tolerance is. It holds on all of the surface.</Documentation>
+          <Documentation>The kind of tolerance. It holds everywhere on the surface.</Documentation>
         </IntVectorProperty>""")
     def SetWithin(self, which):
         self.set("_within", int(which))

@@ -237,8 +237,8 @@ class Checker {
         note(url, "store", is_footer, ServerFault::missing,
              is_footer  ? fmt::format("{} bytes, with a footer", size)
              : !is_part ? fmt::format("{} in place of its last {} bytes", end.status, kPart)
-                        : "the file has no footer of a store: it is none, is cut off, or is older "
-                          "than version 2.9 of the format");
+                        : "the file has no store footer: it is not a store, is cut off, or has a "
+                          "format older than 2.9");
     }
 
     void check_sharing(const std::string& url, const ServerReply& part) {
@@ -312,7 +312,7 @@ std::string_view name_of(ServerFault fault) {
 }
 
 ServerCheck check_server(const std::string& url, const std::string& origin, Progress& progress) {
-    progress.begin("asking the server", 0, "requests");
+    progress.begin("querying the server", 0, "requests");
     return Checker(origin, progress).check(url);
 }
 
@@ -362,7 +362,7 @@ ServerLines nginx_lines(const ServerCheck& check) {
     if (check.has(ServerFault::compression)) {
         text += "gzip on;\ngzip_types application/wasm text/javascript;\n";
     }
-    return {"nginx", "in the server block; nginx -s reload takes them", text};
+    return {"nginx", "in the server block; then run nginx -s reload", text};
 }
 
 ServerLines apache_lines(const ServerCheck& check) {

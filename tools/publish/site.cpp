@@ -91,10 +91,10 @@ std::string public_url(const std::string& text) {
         if (is_secret(parameter)) {
             throw Error(
                 ErrorKind::invalid_argument, {url.name},
-                fmt::format("the URL's parameter '{}' looks like a secret, and everybody could "
-                            "read it on the site: let the server give the store without it, and "
-                            "give that URL",
-                            plain_name(parameter.substr(0, parameter.find('=')))));
+                fmt::format(
+                    "the URL's parameter '{}' looks like a secret, and everybody could "
+                    "read it on the site: make the store available without it, and give that URL",
+                    plain_name(parameter.substr(0, parameter.find('=')))));
         }
     }
     return url.request;
@@ -329,7 +329,7 @@ void require_outside(const std::filesystem::path& folder, const Site& site) {
             std::mismatch(whole.begin(), whole.end(), file.begin(), file.end());
         if (!error && !ignored && !store.described_by.empty() && end == whole.end()) {
             throw Error(ErrorKind::invalid_argument, {store.described_by.string()},
-                        "is read, and lies in the folder that is to be replaced",
+                        "is an input, and is in the folder that would be replaced",
                         {{RemedyKind::other_name}});
         }
     }

@@ -64,11 +64,11 @@ std::string why_refused(const Access& access, const HttpRequest& request, const 
         return {};
     }
     if (!request.origin.empty() && request.origin != "http://" + request.host) {
-        return "pages of other origins get nothing from this server";
+        return "requests from other origins are refused";
     }
     if (!request.fetch_site.empty() && request.fetch_site != "same-origin" &&
         request.fetch_site != "none") {
-        return "pages of other sites get nothing from this server";
+        return "requests from other sites are refused";
     }
     if (!access.token.empty() && !same(access.token, token)) {
         return "the token is missing or wrong: it is in the URL that the server printed";
@@ -219,7 +219,7 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
             } else if (ec.category() == http::make_error_code(http::error::bad_target).category() &&
                        ec != http::error::end_of_stream && ec != http::error::partial_message) {
                 keep_alive_ = false;
-                answer({400, "text/plain", std::string("this is no HTTP request\n")});
+                answer({400, "text/plain", std::string("not an HTTP request\n")});
             } else {
                 close();
             }
@@ -455,7 +455,8 @@ HttpServer::HttpServer(const std::string& address, std::uint16_t port, const Htt
     if (ec) {
         throw Error(
             ErrorKind::invalid_argument,
-            fmt::format("'{}' is no address of a network interface (such as 127.0.0.1)", address));
+            fmt::format("'{}' is not the address of a network interface (such as 127.0.0.1)",
+                        address));
     }
     const tcp::endpoint endpoint(ip, port);
     tcp::acceptor& acceptor = parts_->acceptor;

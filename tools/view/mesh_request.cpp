@@ -67,7 +67,7 @@ RequestTarget::RequestTarget(std::string_view target) {
         const std::string value =
             equals == std::string_view::npos ? "" : decoded(one.substr(equals + 1));
         if (!parameters_.emplace(name, value).second) {
-            fail(fmt::format("the parameter {} is there twice", name));
+            fail(fmt::format("duplicate parameter {}", name));
         }
         if (parameters_.size() > kMaxParameters) {
             fail("the request has too many parameters");
@@ -120,8 +120,7 @@ std::optional<std::vector<double>> RequestTarget::numbers(const std::string& nam
 
 void RequestTarget::require_all_taken() const {
     if (!parameters_.empty()) {
-        fail(
-            fmt::format("the parameter {} is not known for {}", parameters_.begin()->first, path_));
+        fail(fmt::format("unknown parameter {} of {}", parameters_.begin()->first, path_));
     }
 }
 
@@ -142,8 +141,8 @@ std::optional<Camera> parse_camera(RequestTarget& target) {
     const double pixels = (*v)[5];
     if (!(fov > 0 && fov < 180) || !(height >= 1 && height <= kMaxHeight) || !(pixels > 0)) {
         fail(
-            "camera: the angle lies between 0 and 180 degrees, the height between 1 and 100000 "
-            "pixels, and pixels above 0");
+            "camera: give an angle between 0 and 180 degrees, a height of 1 to 100000 pixels, and "
+            "pixels above 0");
     }
     return Camera{{(*v)[0], (*v)[1], (*v)[2]}, fov, static_cast<int>(height), pixels};
 }
@@ -239,15 +238,15 @@ MeshRequest parse_mesh_request(RequestTarget& target, bool is_slice, bool are_la
     if (const auto passes =
             is_slice ? std::nullopt : target.integer("smooth", 0, LabelSmoothing::kMaxPasses)) {
         if (!std::holds_alternative<LabelChoice>(request.what)) {
-            fail("smooth goes with a label");
+            fail("smooth needs a label");
         }
         if (std::holds_alternative<DistanceBound>(request.stop)) {
-            fail("smooth goes without a distance");
+            fail("smooth and distance cannot be combined");
         }
         request.smooth = LabelSmoothing{static_cast<int>(*passes)};
     }
     if (request.camera && !std::holds_alternative<ErrorBound>(request.stop)) {
-        fail("camera goes with an error, or alone");
+        fail("camera can be combined with an error only");
     }
     return request;
 }

@@ -198,8 +198,7 @@ HttpAnswer MeshAnswers::file(const MeshRequest& request, const std::string& endi
                              const std::filesystem::path& scratch, Progress& progress) {
     if (std::holds_alternative<AtMostTriangles>(request.stop)) {
         throw Error(ErrorKind::invalid_argument,
-                    "a file is made for an error, a camera or a distance, not for a number of "
-                    "triangles");
+                    "mesh files need an error, a camera or a distance, not a number of triangles");
     }
     const std::string name = (request.is_slice() ? "slice." : "surface.") + ending;
     const std::filesystem::path folder = new_folder(scratch);
@@ -228,7 +227,8 @@ std::string take_ending(RequestTarget& target) {
                      [](unsigned char c) { return std::isalnum(c) != 0; })) {
         throw Error(
             ErrorKind::invalid_argument,
-            fmt::format("format '{}': give the ending of a mesh file, such as ply", ending));
+            fmt::format("format '{}': give the file name extension of a mesh format, such as ply",
+                        ending));
     }
     return ending;
 }
@@ -273,7 +273,7 @@ std::shared_ptr<Waiting> ViewService::handle(const HttpRequest& request, Reply r
             }
             return request.method == "GET"
                        ? HttpAnswer{200, std::string(file->type), file->bytes, {}}
-                       : plain_error(405, "invalid_argument", "pages answer GET alone");
+                       : plain_error(405, "invalid_argument", "pages support only GET");
         }
         waiting = answer(request, std::move(target), reply);
         started = true;
@@ -302,7 +302,7 @@ std::shared_ptr<Waiting> ViewService::answer(const HttpRequest& request, Request
     if (request.method != (is_cancel ? "POST" : "GET")) {
         return at_once(
             plain_error(405, "invalid_argument",
-                        fmt::format("{} answers {} alone", path, is_cancel ? "POST" : "GET")));
+                        fmt::format("{} supports only {}", path, is_cancel ? "POST" : "GET")));
     }
     if (is_cancel) {
         target.require_all_taken();
@@ -363,7 +363,7 @@ std::shared_ptr<Waiting> ViewService::start(WorkLane& lane, const std::string& s
     });
     if (!taken) {
         ++served_;
-        reply(plain_error(503, "limit", "too much work is waiting: ask again later"));
+        reply(plain_error(503, "limit", "the server is busy: try again later"));
         return nullptr;
     }
     if (!stream.empty()) {
@@ -431,8 +431,7 @@ HttpAnswer ViewService::command(RequestTarget& target) const {
     const MeshRequest request = answers_.take_mesh(target, target.path());
     if (std::holds_alternative<AtMostTriangles>(request.stop)) {
         throw Error(ErrorKind::invalid_argument,
-                    "a command is given for an error, a camera or a distance, not for a number of "
-                    "triangles");
+                    "commands need an error, a camera or a distance, not a number of triangles");
     }
     const std::string file = (request.is_slice() ? "slice." : "surface.") + ending;
     open_mesh_file(file);  // throws if no format has this extension, and creates no file

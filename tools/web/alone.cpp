@@ -26,7 +26,7 @@ namespace isonest::detail {
 namespace {
 
 [[noreturn]] void nobody_is_there() {
-    throw std::logic_error("a page has no other ranks and no kept analyses");
+    throw std::logic_error("pages support neither ranks nor kept analyses");
 }
 
 }  // namespace
@@ -94,11 +94,10 @@ std::filesystem::path analysis_folder_of(const StoreReader& /*store*/) {
 // A page opens stores only by their catalogues, because it contains no HDF5.
 
 void StoreReader::open_by_hdf5() {
-    throw Error(
-        ErrorKind::unsupported, {path_.string()},
-        "not a store with a footer: a page opens only what isonest has written since format "
-        "2.9, and what no other program has changed since",
-        {{RemedyKind::preprocess_again}});
+    throw Error(ErrorKind::unsupported, {path_.string()},
+                "not a store with a footer: pages open only stores of format 2.9 or newer that no "
+                "other program has changed",
+                {{RemedyKind::preprocess_again}});
 }
 
 // PiecedFile in memory: all pieces are one file, whose memory is freed when all of it has been

@@ -59,7 +59,7 @@ HttpAnswer PageQueries::answer_within_memory(const std::string& target) {
         return answer(target);
     } catch (const std::bad_alloc&) {
         throw Error(ErrorKind::limit,
-                    "this takes more memory than a page may use: allow a larger error, or open the "
+                    "this takes more memory than a page can use: allow a larger error, or open the "
                     "store with `isonest view`");
     }
 }

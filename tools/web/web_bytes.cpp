@@ -128,11 +128,11 @@ std::vector<ByteRange> WebBytes::needed() const {
 
 HeldBytes WebBytes::read(std::uint64_t offset, std::uint64_t size) const {
     if (size / kBlock + 2 > max_blocks_) {
-        throw Error(ErrorKind::limit, {name_},
-                    fmt::format("{} bytes of it are needed in one piece, more than the memory for "
-                                "what is fetched",
-                                size),
-                    {{RemedyKind::more_memory}});
+        throw Error(
+            ErrorKind::limit, {name_},
+            fmt::format("{} contiguous bytes are needed, more than the memory for fetched data",
+                        size),
+            {{RemedyKind::more_memory}});
     }
     const std::uint64_t first = offset / kBlock;
     const std::uint64_t end = size == 0 ? first : (offset + size - 1) / kBlock + 1;
@@ -173,7 +173,7 @@ const std::byte* WebBytes::fetch_block(std::uint64_t number) const {
     }
     const std::byte* const block = use_block(number);
     if (block == nullptr) {
-        throw Error(ErrorKind::io, {name_}, "what was fetched is shorter than what was asked for");
+        throw Error(ErrorKind::io, {name_}, "fewer bytes were fetched than requested");
     }
     return block;
 }

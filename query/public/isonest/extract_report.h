@@ -183,7 +183,7 @@ struct TriangleQuality {
 struct ExtractReport {
     int dimension = 3;  ///< of the lattice; 2: triangles and lines instead of tetrahedra
     std::uint64_t vertices = 0;
-    std::uint64_t triangles = 0;  ///< or lines
+    std::uint64_t triangles = 0;  ///< for isolines and contours: number of line segments
     double tolerance = 0;         ///< requested error or threshold, as an absolute value
     /// Guaranteed error. Normally the largest indicator of a visited leaf. If the mesh was
     /// simplified within an error, the largest indicator found by the proof (for hexahedra, see

@@ -58,9 +58,9 @@ const char* depth_text(CheckDepth depth) {
 
 Result run(CheckArguments& a, Progress& progress) {
     if (a.source.empty() && !a.source_option.empty()) {
-        throw Error(
-            ErrorKind::invalid_argument,
-            fmt::format("{} needs --source: it says how that volume is read", a.source_option));
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} needs --source: it describes how to read that volume",
+                                a.source_option));
     }
     const Store opened = open_required_store(a.store, a.remote, a.check.memory, progress);
     const StoreReader& store = opened.reader();
@@ -150,11 +150,11 @@ void add_check(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<CheckArguments>();
     CLI::App* const c = add_command(
         app, chosen, "check",
-        {"Test a store, from checksums to brute force",
-         "Tests all checksums, the chunk table, levels against each other, and saturation across "
-         "chunk borders; with --source also the values against the original, and sampled bounds by "
-         "brute force. The exit code is 4 if anything is wrong; each finding names level, chunk "
-         "and node.",
+        {"Check a store for damage and inconsistencies",
+         "Checks all checksums, the chunk table, the agreement of the levels, and saturation "
+         "across chunk borders; with --source also all values against the original volume, and a "
+         "sample of the bounds by brute force. If anything is wrong, the exit code is 4; each "
+         "finding names level, chunk and node.",
          "isonest check scan.isonest\n"
          "isonest check scan.isonest --quick\n"
          "isonest check head.isonest --source head.raw.gz --dims 256,256,113 --type uint16"});

@@ -76,12 +76,13 @@ void add_export(CLI::App& app, Invocation& chosen) {
     CLI::App* const c = add_command(
         app, chosen, "export",
         {"Write the values of a store, or an indicator, as a plain volume file",
-         "The ending of FILE selects the format; .h5 has the dataset 'data', [z,y,x]. Values have "
+         "The extension of FILE selects the format; an .h5 file has one dataset, 'data' [z,y,x]. "
+         "Values have "
          "the "
          "type of the input (64-bit labels: int64). An indicator is float32 on the finest lattice, "
          "0 at the macro vertices.\n\nIndicators: " +
              list_names(node_indicators()) +
-             "; computed in memory, in 20 bytes a node: lp:P, grad_lp:P (P from 1 to inf), "
+             "; computed in memory, at 20 bytes per node: lp:P, grad_lp:P (P from 1 to inf), "
              "gradient, curvature, alone or with _bar or _plus.",
          "isonest export scan.isonest -o scan.nrrd\n"
          "isonest export scan.isonest --level 2 -o quarter.nrrd\n"

@@ -290,10 +290,10 @@ std::vector<ProgressStage> stages_of(const ExtractCommand& a) {
         stages.push_back({"find labels", "finding the label", 0.2});
     }
     stages.push_back(
-        {"extract", a.extract.is_graph ? "making the graph" : "following the surface", 0.6});
+        {"extract", a.extract.is_graph ? "making the graph" : "extracting the surface", 0.6});
     if (a.components) {
-        stages.push_back({"find components", "finding the pieces", 0.3});
-        stages.push_back({"drop components", "dropping small pieces", 0.1});
+        stages.push_back({"find components", "finding components", 0.3});
+        stages.push_back({"drop components", "dropping small components", 0.1});
     }
     if (a.is_simplified()) {
         stages.push_back({"simplify", "simplifying", 5});
@@ -306,25 +306,26 @@ std::vector<ProgressStage> stages_of(const ExtractCommand& a) {
 
 void add_extract(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<ExtractCommand>();
-    CLI::App* const c = add_command(
-        app, chosen, "extract",
-        {"Write an isosurface as a mesh, with a guaranteed error",
-         "INPUT is a store or a volume. Where an option needs a store, a temporary one is made of "
-         "a volume; --keep-store keeps it. The mesh has no cracks, and its error is at most what "
-         "was asked for: a larger error gives fewer triangles and reads less, error 0 gives the "
-         "surface at full resolution. The ending of MESH selects the format. Several isovalues go "
-         "into one file (.ply .vtp .vtkhdf), or, with {iso} in the name, into a file each. Data in "
-         "a plane give isolines (.vtp .obj) or their graph.",
-         "isonest extract scan.isonest --iso 120 -o full.ply\n"
-         "isonest extract scan.isonest --iso 120 --error 2% -o coarse.glb --normals\n"
-         "isonest extract scan.nii.gz --iso 300 --distance 0.5mm --close -o bone.stl\n"
-         "isonest extract scan.isonest --iso 120 --triangles 100000 -o web.glb\n"
-         "isonest extract scan.isonest --iso 80,120,160 -o surface_{iso}.ply\n"
-         "isonest extract scan.isonest --iso 120 --box 0,0,0,50,50,20 -o corner.ply\n"
-         "isonest extract https://example.org/scan.isonest --iso 120 -o full.ply\n"
-         "isonest extract organs.isonest --label liver --smooth -o liver.glb\n"
-         "isonest extract cells.isonest --labels all --smooth -o meshes\n"
-         "isonest extract map.isonest --graph --scale 3 --error 5 -o relief.glb"});
+    CLI::App* const c =
+        add_command(app, chosen, "extract",
+                    {"Write an isosurface as a mesh, with a guaranteed error",
+                     "INPUT is a store or a volume. If an option needs a store, a temporary one is "
+                     "made from the volume; --keep-store keeps it. The mesh has no cracks, and its "
+                     "error is at most the one requested: a larger error gives fewer triangles and "
+                     "reads less data, error 0 gives the full-resolution surface. The extension of "
+                     "MESH selects the format. Several isovalues go into one file (.ply .vtp "
+                     ".vtkhdf), or, with {iso} in the name, into one file each. Data in "
+                     "a plane give isolines (.vtp .obj) or their graph.",
+                     "isonest extract scan.isonest --iso 120 -o full.ply\n"
+                     "isonest extract scan.isonest --iso 120 --error 2% -o coarse.glb --normals\n"
+                     "isonest extract scan.nii.gz --iso 300 --distance 0.5mm --close -o bone.stl\n"
+                     "isonest extract scan.isonest --iso 120 --triangles 100000 -o web.glb\n"
+                     "isonest extract scan.isonest --iso 80,120,160 -o surface_{iso}.ply\n"
+                     "isonest extract scan.isonest --iso 120 --box 0,0,0,50,50,20 -o corner.ply\n"
+                     "isonest extract https://example.org/scan.isonest --iso 120 -o full.ply\n"
+                     "isonest extract organs.isonest --label liver --smooth -o liver.glb\n"
+                     "isonest extract cells.isonest --labels all --smooth -o meshes\n"
+                     "isonest extract map.isonest --graph --scale 3 --error 5 -o relief.glb"});
     add_input_options(c, a->in, false);
     add_extract_options(c, a->extract);
     CLI::Option* const iso = add_isovalue_option(c, a->isovalues);

@@ -67,7 +67,7 @@ void add_histogram(const StoreReader& store, const InfoArguments& a, Result& res
     const std::string leftovers = leftovers_of(a.plot);
     result.warning += result.warning.empty() || leftovers.empty() ? leftovers : "\n" + leftovers;
     result.json["output"] = a.plot;
-    result.text += fmt::format("{}: the same as a plot\n", a.plot);
+    result.text += fmt::format("{}: the histogram as a plot\n", a.plot);
 }
 
 void add_label_names(const LabelTable& names, Result& result) {
@@ -130,8 +130,8 @@ std::string place_text(const Double3& spacing, const Double3& origin,
         "spacing {:g} {:g} {:g}, origin {:g} {:g} {:g}, {}, {}{}\n", spacing[0], spacing[1],
         spacing[2], origin[0], origin[1], origin[2],
         unit ? fmt::format("unit {} ({})", symbol_of(*unit), name_of(*unit))
-             : std::string("unit not known"),
-        frame == AnatomicalFrame::unknown ? std::string("patient axes not known")
+             : std::string("unknown unit"),
+        frame == AnatomicalFrame::unknown ? std::string("unknown patient axes")
                                           : fmt::format("axes {}", name_of(frame)),
         direction == kAlongWorld
             ? ""
@@ -174,7 +174,7 @@ Result describe_volume(const VolumeSource& volume, const std::string& name,
     for (const std::string& note : volume.notes()) {
         result.text += fmt::format("note: {}\n", note);
     }
-    result.text += "--histogram reads the values; isonest preprocess makes a store of it\n";
+    result.text += "--histogram reads the values; isonest preprocess makes a store\n";
     add_fetched(volume, result);
     return result;
 }
@@ -291,10 +291,10 @@ void add_info(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<InfoArguments>();
     CLI::App* const c = add_command(
         app, chosen, "info",
-        {"Say what a store or a volume holds: size, type, place, range, levels, compression",
-         "Of a store only the header and the chunk table are read. With --histogram the values are "
-         "read, too: how often each occurs, how large the surface of each isovalue is, and which "
-         "isovalues are worth a look, where the surface is sharpest.",
+        {"Show what a store or a volume contains: size, type, position, range, levels, compression",
+         "Of a store, only the header and the chunk table are read. --histogram reads the values "
+         "too, and shows how often each occurs, how large the surface of each isovalue is, and "
+         "suggested isovalues, whose surfaces are sharpest.",
          "isonest info scan.isonest\n"
          "isonest info scan.nii.gz\n"
          "isonest info scan.isonest --histogram -o histogram.png"});

@@ -56,8 +56,7 @@ void add_make_volume(CLI::App& app, Invocation& chosen) {
     }
     CLI::App* const c = add_command(
         app, chosen, "make-volume",
-        {"Write a synthetic volume, for trying things out and for measurements",
-         "The file may be larger than memory.",
+        {"Write a synthetic volume for tests and benchmarks", "The file may be larger than memory.",
          "isonest make-volume bucky --size 129 -o bucky.h5\n"
          "isonest make-volume noise --size 200,100,50 --type uint8 --seed 7 -o noise.h5\n"
          "isonest make-volume cahn-hilliard --size 257,257 -o mixture.h5"});
@@ -78,7 +77,7 @@ void add_make_volume(CLI::App& app, Invocation& chosen) {
         chosen.run = [a, seeded](Progress& progress) {
             if (seeded && a->options.name != "noise" && a->options.name != "cahn-hilliard") {
                 throw Error(ErrorKind::invalid_argument,
-                            fmt::format("--seed: {} has no random numbers", a->options.name));
+                            fmt::format("--seed: {} is not random", a->options.name));
             }
             return run(*a, progress);
         };

@@ -60,7 +60,7 @@ Double3 parse_view(const std::string& text) {
     const Double3 view = parse_double3("--view", text);
     if (std::hypot(view[0], view[1], view[2]) == 0) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("--view '{}': give a direction, not zero", text));
+                    fmt::format("--view '{}': give a direction other than 0,0,0", text));
     }
     return view;
 }
@@ -124,7 +124,7 @@ Result run(const PictureArguments& a, Progress& progress) {
     }
     if (a.has_color && has_values) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
-                    "--color needs --color-by none: the mesh has values, which give the colours");
+                    "--color needs --color-by none: the values of this mesh define its colours");
     }
     const PictureReport r = draw_pictures(mesh, views, a.options, progress);
     Result result;
@@ -159,9 +159,9 @@ void add_picture(CLI::App& app, Invocation& chosen) {
     CLI::App* const c =
         add_command(app, chosen, "picture",
                     {"Draw a mesh as a PNG",
-                     "MESH is of triangles, as isonest extract writes them. It is shaded and "
-                     "fitted into the picture, z up; the side toward larger values is paler and "
-                     "warmer. Colours or values at the vertices give the colours.",
+                     "MESH is a triangle mesh, as isonest extract writes it. It is shaded and "
+                     "fitted to the picture, with z up; the side facing larger values is paler and "
+                     "warmer. The colours are those of the vertices, or represent their values.",
                      "isonest picture surface.ply -o surface.png\n"
                      "isonest picture surface.ply -o edges.png --wireframe --size 1600x1200\n"
                      "isonest picture surface.ply -o top.png --view top --color 200,120,90\n"

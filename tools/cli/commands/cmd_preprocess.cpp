@@ -116,13 +116,13 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<PreprocessArguments>();
     CLI::App* const c = add_command(
         app, chosen, "preprocess",
-        {"Turn a volume into a store: all levels, with the error of every node",
-         "The format of INPUT is detected from the first bytes; `isonest --version` lists those "
-         "that are read. Raw numbers (also gzip) need --dims and --type. NaN means missing data. "
-         "Every input byte is read once, and the volume may be larger than memory. After an "
-         "interruption, a run with --resume continues. With --labels, 64-bit integers are kept as "
-         "they are (0 to 2^62 - 1), others as float64 (up to 2^53), with names and colours where "
-         "the input has them.\n\nIndicators: " +
+        {"Convert a volume to a store, with all levels and error indicators",
+         "The format of INPUT is detected from the first bytes; `isonest --version` lists those of "
+         "this build. Raw data (also in gzip) need --dims and --type. NaN means missing data. "
+         "Every input byte is read once, and the volume may be larger than memory. --resume "
+         "continues an interrupted run. With --labels, 64-bit integers are stored exactly (0 to "
+         "2^62 - 1), and the input's names and colours are kept; without it, they become float64 "
+         "(up to 2^53).\n\nIndicators: " +
              list_names(all_fields()) + "; nodes (all but those of cells, hex_...); all.\n\n" +
              paraview_hint(),
          "isonest preprocess scan.h5 -o scan.isonest\n"
@@ -169,7 +169,7 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
             return run_beside_fetching(a->remote, [&] { return run(*a, ranks, progress); });
         };
         chosen.stages = {{"check the interrupted run", "checking the interrupted run", 0.1},
-                         {"resume", "taking over what is done", 0.1},
+                         {"resume", "reusing finished work", 0.1},
                          {"copy input", "copying the input", 0.5},
                          {"levels 0-2", "reading the volume", 1}};
     });

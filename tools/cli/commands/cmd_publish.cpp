@@ -186,7 +186,7 @@ std::string frame_line(const SiteStore& store) {
 Result write(const PublishArguments& a, Progress& progress) {
     if (!publish::has_library(a.page)) {
         throw Error(ErrorKind::unsupported,
-                    "this build cannot write sites: it has no library for pages",
+                    "this build cannot write sites: it lacks the WebAssembly library",
                     {{RemedyKind::install_package, kPublishNeeds}});
     }
     if (a.output.empty()) {
@@ -251,8 +251,9 @@ Result check(const PublishArguments& a, Progress& progress) {
         result.json["lines"].push_back(
             {{"server", lines.server}, {"where", lines.where}, {"lines", lines.lines}});
     }
-    result.text += found.is_right() ? "\nThis server shows it.\n"
-                                    : "\nThis server cannot show it as it is configured.\n";
+    result.text += found.is_right()
+                       ? "\nThis server can serve the site.\n"
+                       : "\nThis server cannot serve the site with its current configuration.\n";
     result.exit_code = found.is_right() ? 0 : static_cast<int>(ErrorKind::unsupported);
     return result;
 }
@@ -271,12 +272,12 @@ void add_publish(CLI::App& app, Invocation& chosen, const std::vector<publish::P
                   kPublishNeeds);
     CLI::App* const c = add_command(
         app, chosen, "publish",
-        {"Write a folder that shows stores on any web server",
-         "The folder holds the viewer's page, its library, which runs in the browser, and the "
-         "stores. The server only has to answer requests for parts of a file; --check tests "
-         "whether it does, and says what to change for nginx, Apache and S3 (exit code 5 if "
-         "something required is missing). One --link for all stores is their folder and ends with "
-         "/. The folder appears whole or not at all." +
+        {"Write a site that shows stores, for any web server",
+         "The folder contains the viewer's page, a library that runs in the browser, and the "
+         "stores. The server only has to support range requests; --check tests this, and says what "
+         "to change for nginx, Apache and S3 (exit code 5 if something required is missing). A "
+         "single --link for several stores is the URL of their folder and ends with /. The folder "
+         "appears only when it is complete." +
              lacking,
          "isonest publish scan.isonest -o site\n"
          "isonest publish scan.isonest -o site --link https://example.org/data/scan.isonest\n"

@@ -81,8 +81,8 @@ std::string empty_slice(const Store& store, const SliceArguments& a, bool is_lin
 ExtractReport run_contours(const Store& store, const SliceArguments& a, Progress& progress) {
     if (a.extract.cells.value_or(Cells::tetrahedra) != Cells::tetrahedra) {
         throw Error(ErrorKind::invalid_argument,
-                    "--contours and --cells cannot be combined in a mesh: its lines are those of "
-                    "tetrahedra");
+                    "--contours and --cells cannot be combined in a mesh: its lines are extracted "
+                    "from tetrahedra");
     }
     if (a.extract.normals || a.extract.vertex_error) {
         throw Error(ErrorKind::invalid_argument,
@@ -146,8 +146,8 @@ Result slice_store(const Store& store, SliceArguments& a, Progress& progress) {
     if (store.reader().label_names().size() > 0) {
         result.warning += result.warning.empty() ? "" : "\n";
         result.warning += fmt::format(
-            "{}: its values are labels with names, and a slice is linear between nodes: between "
-            "the labels 1 and 3 it shows 2; isonest export writes the labels themselves",
+            "{}: its values are named labels, and a slice interpolates between nodes: between "
+            "labels 1 and 3 it would show 2; isonest export writes the labels themselves",
             a.extract.store);
     }
     result.json = extract_json(a.extract, r);
@@ -214,9 +214,9 @@ void add_slice(CLI::App& app, Invocation& chosen) {
     CLI::App* const c =
         add_command(app, chosen, "slice",
                     {"Write a plane through the data as a coloured mesh or a picture",
-                     "The plane is made of triangles as large as the error allows; the vertices of "
-                     "a mesh have the value. The ending of OUT selects a picture (.png) or a mesh. "
-                     "A temporary store is made of a volume; --keep-store keeps it.",
+                     "The slice consists of triangles as large as the error allows; the vertices "
+                     "of a mesh have values. The extension of OUT selects a picture (.png) or a "
+                     "mesh. For a volume, a temporary store is made; --keep-store keeps it.",
                      "isonest slice scan.isonest --plane 0,0,1,35 --error 2 -o slice.png --grid\n"
                      "isonest slice scan.nrrd --plane 0,0,1,35 -o slice.png\n"
                      "isonest slice scan.isonest --plane 1,1,0,90 --error 2% -o oblique.vtp\n"

@@ -342,7 +342,7 @@ VolumeValues open_values(SmoothArguments& a, Progress& progress) {
     }
     if (a.source.missing) {
         throw Error(ErrorKind::invalid_argument,
-                    "--missing: smoothing needs numbers everywhere, without missing values");
+                    "--missing: smoothing does not support missing values");
     }
     a.memory = memory;
     a.remote.opened = 0;
@@ -533,11 +533,11 @@ void add_smooth(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<SmoothArguments>();
     CLI::App* const c = add_command(
         app, chosen, "smooth",
-        {"Smooth a volume or an image and keep its edges, on adaptive grids",
-         "Nonlinear diffusion (Perona and Malik) by linear finite elements: little flows where the "
-         "gradient is well above --lambda. Without edges, N steps of --tau T smooth like a "
-         "Gaussian of standard deviation sqrt(2 N T). Each step uses the grid of the nodes whose "
-         "indicator grad_linf_bar is at least --threshold. All unknowns are held in memory.",
+        {"Smooth a volume or an image while preserving edges, on adaptive grids",
+         "Nonlinear diffusion (Perona and Malik) by linear finite elements: diffusion is weak "
+         "where the gradient is well above --lambda. Without edges, N steps of --tau T smooth like "
+         "a Gaussian with standard deviation sqrt(2 N T). Each step uses the grid of the nodes "
+         "whose indicator grad_linf_bar is at least --threshold. All unknowns are kept in memory.",
          "isonest smooth scan.nrrd --steps 10 --tau 1 --lambda 20 -o smooth.nrrd\n"
          "isonest smooth map.npy --steps 20 --tau 1 --lambda 5 --threshold 1 -o map.png"});
     c->add_option("INPUT", a->input)->required();

@@ -47,38 +47,35 @@ constexpr std::array<Column, 11> kColumns{
       [](const StudyRow& r) { return r.norms.l2; }},
      {"linf", "Largest error of the function", "||P U - U||, L infinity",
       [](const StudyRow& r) { return r.norms.linf; }},
-     {"efficiency_l1", "Accuracy for each element, L1 norm", "1 / (elements error), L1",
+     {"efficiency_l1", "Accuracy per element, L1 norm", "1 / (elements error), L1",
       [](const StudyRow& r) { return r.efficiency(r.norms.l1); }},
-     {"efficiency_l2", "Accuracy for each element, L2 norm", "1 / (elements error), L2",
+     {"efficiency_l2", "Accuracy per element, L2 norm", "1 / (elements error), L2",
       [](const StudyRow& r) { return r.efficiency(r.norms.l2); }},
-     {"efficiency_linf", "Accuracy for each element, maximum norm",
-      "1 / (elements error), L infinity",
+     {"efficiency_linf", "Accuracy per element, maximum norm", "1 / (elements error), L infinity",
       [](const StudyRow& r) { return r.efficiency(r.norms.linf); }},
-     {"efficiency_visited_l1", "Accuracy for each element visited, L1 norm",
-      "1 / (visited error), L1",
+     {"efficiency_visited_l1", "Accuracy per visited element, L1 norm", "1 / (visited error), L1",
       [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.l1); }},
-     {"efficiency_visited_l2", "Accuracy for each element visited, L2 norm",
-      "1 / (visited error), L2",
+     {"efficiency_visited_l2", "Accuracy per visited element, L2 norm", "1 / (visited error), L2",
       [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.l2); }},
-     {"efficiency_visited_linf", "Accuracy for each element visited, maximum norm",
+     {"efficiency_visited_linf", "Accuracy per visited element, maximum norm",
       "1 / (visited error), L infinity",
       [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.linf); }}}};
 constexpr std::array<Column, 3> kIsoColumns{
     {{"iso_visited", "Elements visited for the isosurface", "elements visited for the isosurface",
       [](const StudyRow& r) { return static_cast<double>(r.iso_visited); }},
-     {"iso_leaves", "Elements that hold the isosurface", "elements that hold the isosurface",
+     {"iso_leaves", "Elements that contain the isosurface", "elements that contain the isosurface",
       [](const StudyRow& r) { return static_cast<double>(r.iso_leaves); }},
-     {"efficiency_iso_visited_l2", "Accuracy for each element visited for the isosurface, L2 norm",
+     {"efficiency_iso_visited_l2", "Accuracy per element visited for the isosurface, L2 norm",
       "1 / (visited for the isosurface, error), L2",
       [](const StudyRow& r) { return r.efficiency_of_visited_for_iso(r.norms.l2); }}}};
 
 constexpr std::array<Column, 3> kTrueColumns{
     {{"value_lp", "Error of the function in L^p, integrated", "||P U - U|| in L^p, integrated",
       [](const StudyRow& r) { return r.true_norms.value; }},
-     {"gradient_lp", "Error of the gradient in L^p, of the gradient",
+     {"gradient_lp", "Relative error of the gradient in L^p",
       "||grad P U - grad U|| / ||grad U|| in L^p",
       [](const StudyRow& r) { return r.true_norms.gradient; }},
-     {"gradient_linf", "Largest error of the gradient, of the gradient",
+     {"gradient_linf", "Largest relative error of the gradient",
       "||grad P U - grad U|| / ||grad U||, L infinity",
       [](const StudyRow& r) { return r.true_norms.gradient_linf; }}}};
 constexpr Column kGraphColumn{"graph_distance", "Distance of the graphs", "distance of the graphs",
@@ -164,7 +161,7 @@ void draw(const std::filesystem::path& folder, const Study& study, const PlotFil
         return file.over != nullptr ? file.over->of(r) : r.threshold;
     };
     Plot plot;
-    plot.x = file.over != nullptr ? file.over->axis : "threshold, of the largest";
+    plot.x = file.over != nullptr ? file.over->axis : "threshold / largest value";
     plot.title = fmt::format("{}, by {}", file.column->title,
                              file.over != nullptr ? file.over->axis : "the threshold");
     plot.y = file.column->axis;
@@ -284,13 +281,13 @@ void add_study(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<StudyArguments>();
     CLI::App* const c = add_command(
         app, chosen, "study",
-        {"Compare the indicators of a store: how many elements for which error",
-         "For each field and for thresholds from its largest value down: the elements of the "
-         "adaptive mesh of the volume, the cells that a traversal visits to find them, the error "
-         "of the function on the mesh in three norms, and the efficiency 1 / (elements or visited "
-         "cells x error), as study.csv and as plots (.svg, .png). --fields also takes lp:P_bar, "
-         "grad_lp:P_bar (P from 1 to inf), gradient_bar and curvature_bar, or with _plus, which "
-         "are computed. The volume must fit into memory, in 20 bytes a node.",
+        {"Compare the indicators of a store by their numbers of elements and errors",
+         "For each field and for thresholds decreasing from its largest value: the elements of the "
+         "adaptive mesh of the volume, the cells visited to find them, the error of the function "
+         "on the mesh in three norms, and the efficiency 1 / (elements or visited cells x error), "
+         "as study.csv and as plots (.svg, .png). --fields also accepts the computed fields "
+         "lp:P_bar, grad_lp:P_bar (P from 1 to inf), gradient_bar and curvature_bar, or with "
+         "_plus. The volume must fit into memory, at 20 bytes per node.",
          "isonest preprocess map.h5 --indicators all -o map.isonest\n"
          "isonest study map.isonest --out map-study\n"
          "isonest study head.isonest --fields linf_bar,normal_bar --iso 120 --out study\n"

@@ -214,18 +214,18 @@ Result run(ViewArguments& a, Progress& progress) {
 
 void add_view(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<ViewArguments>();
-    CLI::App* const c =
-        add_command(app, chosen, "view",
-                    {"Look at a store or a volume in the browser",
-                     "Serves a page with the surface, slices and the histogram, and prints its URL "
-                     "(with --json in the first line). The page always shows how large the error "
-                     "of the picture can be. Only this machine can open it, unless --address names "
-                     "another interface; the URL then holds a token. Ctrl-C or a signal ends the "
-                     "server, with exit code 0. A temporary store is made of a volume.",
-                     "isonest view scan.isonest\n"
-                     "isonest view scan.nii.gz --open\n"
-                     "isonest view https://example.org/scan.isonest --cache ~/.cache/isonest:2G\n"
-                     "isonest view scan.isonest --address 0.0.0.0 --port 8080 --memory 2G"});
+    CLI::App* const c = add_command(
+        app, chosen, "view",
+        {"Show a store or a volume in the browser",
+         "Serves a page with the surface, slices and the histogram, and prints its URL (with "
+         "--json, in the first line). The page always shows the error bound of what it displays. "
+         "Only this machine can open it, unless --address names another interface; the URL then "
+         "contains a token. Ctrl-C or a termination signal ends the server, with exit code 0. For "
+         "a volume, a temporary store is made.",
+         "isonest view scan.isonest\n"
+         "isonest view scan.nii.gz --open\n"
+         "isonest view https://example.org/scan.isonest --cache ~/.cache/isonest:2G\n"
+         "isonest view scan.isonest --address 0.0.0.0 --port 8080 --memory 2G"});
     add_input_options(c, a->in, false);
     add_parsed(
         c, "--port",

@@ -34,7 +34,7 @@ std::string range_of_empty(VolumeSource& volume, double iso, const ExtractOption
                        iso <= low ? fmt::format("no value is below {}", iso)
                        : high < iso
                            ? fmt::format("every value is below {}", iso)
-                           : fmt::format("values are missing wherever others pass {}", iso),
+                           : fmt::format("values cross {} only next to missing values", iso),
                        human_range(low, high));
 }
 
@@ -70,8 +70,8 @@ SurfaceQuery ExtractCommand::surface_query(const Store* others) const {
     query.grid = {a.cells, vertices, bound, culling};
     if (distance.by_error && distance.distance) {
         throw Error(ErrorKind::invalid_argument,
-                    "--by error and --distance cannot be combined: choose what --triangles makes "
-                    "small");
+                    "--by error and --distance cannot be combined: --triangles minimises either "
+                    "the error or the distance");
     }
     query.stop = distance.stop().value_or(query.stop);
     query.effort = distance.effort;
@@ -238,7 +238,7 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
                     r.smooth ? sheets_text(r, unit_suffix(origin.unit)) + smooth_text(*r.smooth)
                     : r.distance || r.within_budget ? distance_text(arguments.distance, r)
                                                     : guarantee_text(a, r) + simplified_text(r),
-                    origin.volume != nullptr ? "straight from " + origin.volume->describe().name
+                    origin.volume != nullptr ? "directly from " + origin.volume->describe().name
                                              : read_text(r.traversal));
     result.text += analysis_text(r) + version_text(a.mesh) + space_line(origin.frame, a, a.mesh);
     if (r.measures && r.triangles > 0) {
@@ -286,8 +286,8 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
     if (r.quality && r.triangles > 0) {
         constexpr double kPercent = 100;
         result.text += fmt::format(
-            "Smallest angles of the triangles: {:.2g} degrees at least, {:.3g} in the middle; "
-            "{:.2g} % are below {}.\n",
+            "Smallest angle of each triangle: minimum {:.2g} degrees, median {:.3g}; {:.2g} % are "
+            "below {}.\n",
             r.quality->least, r.quality->median, kPercent * r.quality->narrow_share,
             TriangleQuality::kNarrow);
     }

@@ -151,7 +151,7 @@ std::unique_ptr<VolumeSource> open_input_volume(InputArguments& a, std::uint64_t
                 kUnknown.end()) {
             throw;
         }
-        throw Error(error.kind(), error.place(), "is no store; " + error.problem(),
+        throw Error(error.kind(), error.place(), "is not a store; " + error.problem(),
                     error.remedies());
     }
 }
@@ -206,11 +206,10 @@ MadeStore make_store_of(VolumeSource& volume, const std::string& name, const Sto
                     {"seconds", report.seconds},
                     {"kept", keeps ? Json(path.string()) : Json()},
                     {"notes", volume.notes()}}};
-    made.text = keeps ? fmt::format("{}: the store of {}, {}, made in {}\n", path.string(), name,
-                                    size, human_seconds(report.seconds))
-                      : fmt::format(
-                            "made a store of {} in temporary space ({}, {}); --keep-store "
-                            "STORE keeps it\n",
+    made.text =
+        keeps ? fmt::format("{}: the store of {}, {}, made in {}\n", path.string(), name, size,
+                            human_seconds(report.seconds))
+              : fmt::format("made a temporary store of {} ({}, {}); --keep-store STORE keeps it\n",
                             name, size, human_seconds(report.seconds));
     for (const std::string& note : volume.notes()) {
         made.text += fmt::format("note: {}\n", note);

@@ -242,10 +242,11 @@ void add_space_json(AnatomicalFrame frame, const ExtractArguments& a, const std:
 
 std::string space_line(AnatomicalFrame frame, const ExtractArguments& a, const std::string& mesh) {
     const AnatomicalFrame written = frame_in_file(frame, a.space, mesh);
-    return sign_between(frame, written) < 0
-               ? fmt::format("positions are in {}: the volume's, in {}, with x and y negated\n",
-                             name_of(written), name_of(frame))
-               : "";
+    return sign_between(frame, written) < 0 ? fmt::format(
+                                                  "positions are in {}: those of the volume, which "
+                                                  "are in {}, with x and y negated\n",
+                                                  name_of(written), name_of(frame))
+                                            : "";
 }
 
 void add_cells_option(CLI::App* c, ExtractArguments& a) {
@@ -299,11 +300,10 @@ std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
     if ((stop == Field::linf_bar || stop == Field::hex_linf) && !a.stop) {
         return "estimated error " + asked();
     }
-    const std::string what = stop == Field::grad_linf_plus
-                                 ? "a bound on the gradient's error, none on the value's"
-                             : stop == Field::normal_turn_plus
-                                 ? "a bound on the unit normal's error, none on the value's"
-                                 : "no bound on the value's error";
+    const std::string what =
+        stop == Field::grad_linf_plus     ? "bounds the error of the gradient, not of the value"
+        : stop == Field::normal_turn_plus ? "bounds the error of the unit normal, not of the value"
+                                          : "does not bound the error of the value";
     return fmt::format("{} below {:.6g} (largest {:.6g}): {}", name_of(stop), r.tolerance,
                        r.error_bound, what);
 }
@@ -311,7 +311,7 @@ std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
 std::string version_text(const std::string& mesh) {
     // PolyData was added in version 2.0 of the VTKHDF format.
     return std::filesystem::path(mesh).extension() == ".vtkhdf"
-               ? "It needs VTK 9.3 or ParaView 5.12, or newer; all versions read .vtp.\n"
+               ? "Reading it takes VTK 9.3 or ParaView 5.12, or newer; all versions read .vtp.\n"
                : "";
 }
 

@@ -100,7 +100,7 @@ std::int64_t label_named(const Store& store, const std::string& name) {
         throw Error(
             ErrorKind::invalid_argument, {path},
             fmt::format(
-                "{} labels are called '{}'; give the number of one: {}{}", ids.size(), name,
+                "{} labels have the name '{}'; give a number instead: {}{}", ids.size(), name,
                 fmt::join(ids.begin(), ids.begin() + static_cast<std::ptrdiff_t>(listed), ", "),
                 ids.size() > listed ? ", ..." : ""));
     }
@@ -111,10 +111,11 @@ std::int64_t label_named(const Store& store, const std::string& name) {
         }
     }
     if (there.empty()) {
-        throw Error(ErrorKind::not_found, {path},
-                    fmt::format("there is no label '{}': the store has no names of labels, only "
-                                "their numbers",
-                                name));
+        throw Error(
+            ErrorKind::not_found, {path},
+            fmt::format(
+                "there is no label '{}': the labels of this store have numbers, but no names",
+                name));
     }
     const std::vector<std::string> names(there.begin(), there.end());
     const std::vector<std::string> nearest = nearest_names(name, names, 3);

@@ -263,10 +263,11 @@ std::string smooth_text(const SmoothReport& r) {
                             "smoothed in {} passes, no point further than {:.6g} from the faces of "
                             "the voxels",
                             r.passes, r.bound);
-    return near + (r.nodes_beyond > 0
-                       ? fmt::format("; all nodes further than {:.6g} from it are on their sides",
-                                     r.nodes_beyond)
-                       : "; all nodes are on their sides");
+    return near +
+           (r.nodes_beyond > 0
+                ? fmt::format("; all nodes further than {:.6g} from it are on the correct side",
+                              r.nodes_beyond)
+                : "; all nodes are on the correct side");
 }
 
 std::string sheets_text(const ExtractReport& r, const std::string& unit) {
@@ -278,8 +279,8 @@ std::string sheets_text(const ExtractReport& r, const std::string& unit) {
 }
 
 std::string smooth_close_text() {
-    return "closed where the voxels at the volume's border end; edges have two triangles, or four "
-           "where the label touches itself\n";
+    return "closed at the outer faces of the voxels at the volume's border; edges have two "
+           "triangles, or four where the label touches itself\n";
 }
 
 void add_smooth_json(const SmoothReport& r, Json& json) {
@@ -387,7 +388,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
         result.json["scratch_bytes"] = scratch;  // describes the run, not its result
     }
     result.text =
-        fmt::format("{}: {} meshes of {} labels, {} triangles; the list is {}\n", a.mesh,
+        fmt::format("{}: {} meshes of {} labels, {} triangles; listed in {}\n", a.mesh,
                     labels.format, chosen.size(), triangles, (folder / "labels.json").string());
     if (!makes_detail_levels(labels)) {
         result.text += space_line(store.frame(), a, like);
@@ -405,8 +406,8 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     }
     if (components) {
         result.text += fmt::format(
-            "in all labels {} components, {} of them dropped, with {} triangles, the largest of "
-            "{}\n",
+            "all labels together have {} components; {} were dropped, with {} triangles, the "
+            "largest with {}\n",
             components->components, components->dropped, components->dropped_triangles,
             components->largest_dropped);
     }
@@ -464,14 +465,14 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
     result.text = fmt::format(
         "{}: {} triangles, {} vertices, of {} interfaces of {} labels, in {}\n{}{}\narea "
         "{:.6g}{}; each triangle faces from the smaller of its two labels to the larger one, or to "
-        "{}, which is what has no label\n",
+        "{}, which means no label\n",
         a.mesh, r.triangles, r.vertices, r.interfaces->interfaces, chosen.size(),
         human_seconds(r.seconds), sheets_text(r, unit), smooth_text(*r.smooth), r.measures->area,
         unit.empty() ? "" : unit + "2", r.interfaces->outside);
     result.text += version_text(a.mesh);
     if (r.closing) {
         add_close_json(*r.closing, result.json);
-        result.text += "closed where the voxels at the volume's border end\n";
+        result.text += "closed at the outer faces of the voxels at the volume's border\n";
     }
     return result;
 }

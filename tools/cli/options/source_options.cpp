@@ -115,7 +115,7 @@ std::array<NodeRange, 3> parse_crop(const std::string& text) {
     const auto fail = [&] {
         throw Error(
             ErrorKind::invalid_argument,
-            fmt::format("--crop '{}': give FROM:TO for x, y and z, like 10:200,:,-64:", text));
+            fmt::format("--crop '{}': give FROM:TO for x, y and z, such as 10:200,:,-64:", text));
     };
     if (parts.size() != 3 && parts.size() != 2) {
         fail();

@@ -296,8 +296,9 @@ std::string simplified_text(const ExtractReport& r) {
         fmt::format(", simplified from {} triangles", r.simplified_error->nested_triangles);
     const std::optional<double>& full = r.simplified_error->full_bound;
     return full && *full > r.error_bound
-               ? from + fmt::format("; up to {:.6g} in triangles that stay as at full resolution",
-                                    *full)
+               ? from +
+                     fmt::format(
+                         "; up to {:.6g} in triangles kept from the full-resolution surface", *full)
                : from;
 }
 

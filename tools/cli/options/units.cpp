@@ -62,7 +62,7 @@ std::string human(double value, double base, const char* first_unit, const char*
 }  // namespace
 
 std::uint64_t parse_bytes(std::string_view option, std::string_view text) {
-    constexpr std::string_view kForm = "a size like 512M, 2G or a number of bytes";
+    constexpr std::string_view kForm = "a size such as 512M or 2G, or a number of bytes";
     std::string_view rest = text;
     double value = 0;
     if (!leading_number(rest, value) || value < 0) {
@@ -188,7 +188,7 @@ Int3 parse_int3(std::string_view option, std::string_view text, std::int64_t hig
 std::vector<int> parse_size(std::string_view option, std::string_view text, int highest) {
     const std::vector<std::string_view> parts = split(text, 'x');
     if (parts.size() != 2) {
-        fail(option, text, "WIDTHxHEIGHT, like 800x600");
+        fail(option, text, "WIDTHxHEIGHT, such as 800x600");
     }
     return {static_cast<int>(parse_integer(option, parts[0], 1, highest)),
             static_cast<int>(parse_integer(option, parts[1], 1, highest))};

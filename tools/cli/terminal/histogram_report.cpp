@@ -52,19 +52,20 @@ std::string cubes_of(const Histogram& h) {
         return "The values are labels, which have no isosurfaces.\n";
     }
     if (!h.cube_level) {
-        return fmt::format("{}: not counted, the store has no ranges of cubes; --level 0 does\n",
-                           cubes_name(h));
+        return fmt::format(
+            "{}: not counted, because the store has no ranges of cubes; --level 0 counts them\n",
+            cubes_name(h));
     }
     if (*h.cube_level == 0) {
         return fmt::format(
-            "{}: of the finest level, through which the isovalue at the row's beginning passes{}\n",
+            "{}: how many of the finest level the surface of the row's first value crosses{}\n",
             cubes_name(h),
-            h.dimension == 3 ? "; a full\nsurface has about 6 triangles for each" : "");
+            h.dimension == 3 ? "; the\nfull surface has about 6 triangles in each" : "");
     }
     const int edge = 1 << *h.cube_level;
     return fmt::format(
-        "cubes: of {0}^3 finest cubes, through which the isovalue at the row's beginning passes; "
-        "--level 0\ncounts those of the finest level\n",
+        "cubes: how many blocks of {0}^3 cubes the surface of the row's first value crosses; "
+        "--level 0\ncounts cubes of the finest level\n",
         edge);
 }
 
@@ -121,7 +122,7 @@ std::string histogram_text(const Histogram& h) {
         fmt::format("histogram of {}{}\n", sampled(h),
                     h.missing > 0 ? fmt::format(", {} of them missing", h.missing) : "");
     if (h.nodes.empty()) {
-        return text + "no value: all are missing\n";
+        return text + "all values are missing\n";
     }
     text += cubes_of(h) + "\n" + rows(h) + "\n";
     if (h.first_label) {
@@ -130,9 +131,9 @@ std::string histogram_text(const Histogram& h) {
     if (h.suggested.empty()) {
         return text + "no isovalue to suggest: " +
                (h.cube_level ? "the values are too few, or all the same\n"
-                             : "that takes what is not counted\n");
+                             : "the cubes were not counted\n");
     }
-    text += "suggested isovalues, where the surface is sharpest (most cubes for the nodes):\n";
+    text += "suggested isovalues, with the sharpest surfaces (most cubes per node):\n";
     for (const SuggestedIsovalue& s : h.suggested) {
         text += fmt::format("{:>14} {:>25}\n", value_text(h, s.isovalue),
                             fmt::format("{} {}", s.cubes, cubes_name(h)));

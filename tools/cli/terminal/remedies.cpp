@@ -70,18 +70,22 @@ Phrase phrase_of(RemedyKind kind) {
             return {"larger_error", "--error", "allow a larger --error", "",
                     "allow a larger error"};
         case RemedyKind::smaller_box:
-            return {"smaller_box", "--box", "take a --box of it", "", "take a crop of the volume"};
+            return {"smaller_box", "--box", "extract a part of it with --box", "",
+                    "crop the volume"};
         case RemedyKind::other_format:
             return {"other_format", "", "write {}", "write another format", ""};
         case RemedyKind::state_missing:
-            return {"state_missing", "--missing", "give the --missing that preprocess had", "",
+            return {"state_missing", "--missing", "give the same --missing as for preprocess", "",
                     "say which value means missing data"};
         case RemedyKind::newer_version:
             return {"newer_version", "", "use a newer isonest", "", ""};
         case RemedyKind::correct_numbers:
-            return {
-                "correct_numbers", "--dims", "check {}", "", "check the description of the numbers",
-                Say::options};
+            return {"correct_numbers",
+                    "--dims",
+                    "check {}",
+                    "",
+                    "check the size and type of the numbers",
+                    Say::options};
         case RemedyKind::leave_out:
             return {"leave_out", "", "leave out {}", "", "", Say::options};
         case RemedyKind::other_name:
@@ -101,7 +105,8 @@ Phrase phrase_of(RemedyKind kind) {
         case RemedyKind::same_options:
             return {"same_options", "", "give those", "", ""};
         case RemedyKind::remove_leftover:
-            return {"remove_leftover", "", "delete it, and with it the work of that run", "", ""};
+            return {"remove_leftover", "", "delete it, which discards the work of that run", "",
+                    ""};
         case RemedyKind::smaller_picture:
             return {"smaller_picture", "--size", "give a smaller --size", "",
                     "draw a smaller picture"};
@@ -116,8 +121,8 @@ Phrase phrase_of(RemedyKind kind) {
             return {"graph", "", "draw data in a plane with extract --graph --scale 0", "", ""};
         case RemedyKind::choose_index:
             return {"choose_index", "--index", "choose with --index {}",
-                    "choose with --index, an entry for each axis (a position or :) or by the "
-                    "names of the axes",
+                    "choose with --index, by an entry for each axis (a position or :) or by the "
+                    "names of axes",
                     "take one of its volumes"};
         case RemedyKind::choose_series:
             return {"choose_series", "--series", "choose one with --series", "", "choose one"};

@@ -231,8 +231,8 @@ std::string paraview_hint() {
     const std::string folder =
         std::getenv("HDF5_PLUGIN_PATH") == nullptr ? filter_folder() : std::string{};
     return fmt::format(
-        "ParaView opens a store whose name ends with .hdf (5.11 and newer) or .vtkhdf (5.12 and "
-        "newer){}, but none of 64-bit labels: isonest export writes these as .vti.",
+        "ParaView opens a store named .hdf (5.11 and newer) or .vtkhdf (5.12 and newer){}, but not "
+        "one of 64-bit labels, which isonest export writes as .vti.",
         folder.empty() ? std::string{} : fmt::format(", with HDF5_PLUGIN_PATH={}", folder));
 }
 

@@ -129,7 +129,7 @@ Numbers accessor(const nlohmann::json& scene, std::size_t index, std::uint64_t b
     const nlohmann::json& a = scene.at("accessors").at(index);
     const nlohmann::json& view = scene.at("bufferViews").at(a.at("bufferView").get<std::size_t>());
     if (view.contains("byteStride") || a.contains("sparse")) {
-        bytes.fail("arrays with gaps, or sparse ones, are not read");
+        bytes.fail("interleaved and sparse arrays are not supported");
     }
     const std::string type = a.at("type").get<std::string>();
     Numbers numbers;
@@ -147,7 +147,7 @@ Numbers accessor(const nlohmann::json& scene, std::size_t index, std::uint64_t b
             numbers.type = Number::u16;
             break;
         default:
-            bytes.fail("numbers of 8 bits are not read");
+            bytes.fail("8-bit numbers are not supported");
     }
     return numbers;
 }
@@ -175,7 +175,7 @@ void read_glb(const std::filesystem::path& path, PlyScratch& to, Progress& progr
     const MeshBytes bytes(path);
     constexpr std::uint32_t kMagic = 0x46546C67;
     if (bytes.number<std::uint32_t>(0) != kMagic || bytes.number<std::uint32_t>(4) != 2) {
-        bytes.fail("no binary glTF of version 2");
+        bytes.fail("not a binary glTF file of version 2");
     }
     const std::uint64_t length = bytes.number<std::uint32_t>(12);
     const char* const text = reinterpret_cast<const char*>(bytes.at(20, length));
@@ -187,8 +187,8 @@ void read_glb(const std::filesystem::path& path, PlyScratch& to, Progress& progr
         const auto within_limits = [&](int depth, nlohmann::json::parse_event_t /*event*/,
                                        nlohmann::json& /*parsed*/) {
             if (depth > kMaxDepth || ++values > kMaxValues) {
-                bytes.fail(fmt::format("its description has more than {} values or {} levels",
-                                       kMaxValues, kMaxDepth));
+                bytes.fail(fmt::format("its JSON has more than {} values or {} levels", kMaxValues,
+                                       kMaxDepth));
             }
             return true;
         };
@@ -208,7 +208,7 @@ void read_glb(const std::filesystem::path& path, PlyScratch& to, Progress& progr
             value, accessor(scene, primitive.at("indices").get<std::size_t>(), binary, bytes),
             std::nullopt, to, progress);
     } catch (const nlohmann::json::exception& e) {
-        bytes.fail(fmt::format("its description cannot be read: {}", e.what()));
+        bytes.fail(fmt::format("its JSON cannot be parsed: {}", e.what()));
     }
 }
 
@@ -220,8 +220,8 @@ void read_vtp(const std::filesystem::path& path, PlyScratch& to, Progress& progr
                                 bytes.size());
     const auto refuse = [&] {
         throw Error(ErrorKind::unsupported, {path.string()},
-                    "of .vtp files those are read whose arrays are binary, or raw and appended, "
-                    "with 64-bit headers, little endian, not compressed");
+                    "only .vtp files with binary arrays, or raw appended ones, can be read: with "
+                    "64-bit headers, little endian, not compressed");
     };
     std::optional<Numbers> points;
     std::optional<Numbers> value;

@@ -123,8 +123,8 @@ void PlyMesh::Header::add_face_property(const std::vector<std::string_view>& wor
                       (words[4] == "vertex_indices" || words[4] == "vertex_index");
     if (!list) {
         throw Error(ErrorKind::unsupported, line,
-                    "faces must have one list, 'list uchar int vertex_indices' or 'list "
-                    "uchar uint vertex_indices', and else properties of fixed size");
+                    "faces must have one list, 'list uchar int vertex_indices' or 'list uchar uint "
+                    "vertex_indices', and otherwise only properties of fixed size");
     }
     list_offset = face_stride;
     signed_indices = !words[3].starts_with('u');
@@ -252,11 +252,11 @@ void PlyMesh::open(const std::string& value) {
                (header.more_elements || rest == triangles_ * face_stride_);
     }
     if (!fits) {
-        throw Error(ErrorKind::corrupt, {name_},
-                    fmt::format("{} vertices of {} bytes and {} triangles of {} do not fill the "
-                                "{} bytes behind the header: the file is cut off, or holds other "
-                                "faces than triangles",
-                                vertices_, vertex_stride_, triangles_, face_stride_, data));
+        throw Error(
+            ErrorKind::corrupt, {name_},
+            fmt::format("{} vertices of {} bytes and {} triangles of {} do not fill the {} bytes "
+                        "after the header: the file is cut off, or has faces other than triangles",
+                        vertices_, vertex_stride_, triangles_, face_stride_, data));
     }
     vertex_begin_ = header.bytes;
     face_begin_ = vertex_begin_ + vertices_ * vertex_stride_;
@@ -321,7 +321,7 @@ std::array<std::uint32_t, 3> PlyMesh::triangle(std::uint64_t i) const {
         // A negative int is >= 2^31 here; so many vertices are only possible with uint.
         if (v >= vertices_ || (signed_indices_ && v > 0x7FFFFFFFU)) {
             throw Error(ErrorKind::corrupt, {name_, fmt::format("face {}", i)},
-                        fmt::format("names vertex {}, but there are {}",
+                        fmt::format("refers to vertex {}, but there are {}",
                                     signed_indices_
                                         ? static_cast<std::int64_t>(static_cast<std::int32_t>(v))
                                         : static_cast<std::int64_t>(v),

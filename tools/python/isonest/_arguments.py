@@ -114,7 +114,7 @@ def reporting(progress: Progress) -> Iterator[Optional[ProgressFunction]]:
     try:
         from tqdm.auto import tqdm
     except ImportError as error:
-        raise ImportError("progress=True needs tqdm (Debian: python3-tqdm); give a function in its place") from error
+        raise ImportError("progress=True needs tqdm (Debian: python3-tqdm); or give a function instead") from error
     bar: Any = None
     shown: Optional[str] = None
 

@@ -84,7 +84,7 @@ class SurfaceStop(NamedTuple):
             stop.apply(query)
             return
         if stop.given():
-            raise ValueError(f"{stop.given()[0]}= does not go with distance= or triangles=")
+            raise ValueError(f"{stop.given()[0]}= cannot be combined with distance= or triangles=")
         self._apply_distance(query)
         if self.keep_analysis:
             query.set_kept_analysis("" if self.keep_analysis is True else self.keep_analysis)

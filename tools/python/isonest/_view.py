@@ -131,7 +131,7 @@ def start(store: "os.PathLike[str] | str", *, shown: str, port: int, memory: Byt
         raise
     view = View(process, errors, shown if headers is not None else location, url, int(height))
     if (not _in_notebook() if open is None else open) and not webbrowser.open(url):
-        warnings.warn(f"no browser could be opened: open {url} by hand", RuntimeWarning, stacklevel=3)
+        warnings.warn(f"cannot open a browser; open {url} yourself", RuntimeWarning, stacklevel=3)
     return view
 
 
@@ -171,8 +171,7 @@ def _find_program(program: "os.PathLike[str] | str | None") -> str:
         return found
     if named is not None:
         raise _error(_errors.NotFoundError, named, f"there is no such program; {by} names it")
-    raise _error(_errors.NotFoundError, "isonest", "the program that shows a store is neither beside this package nor "
-                 "on the PATH", ["install it (Debian: the package isonest, which a build of the project makes)",
+    raise _error(_errors.NotFoundError, "isonest", "the program isonest is neither in this package nor on the PATH", ["install it (Debian: the package isonest, which a build of the project makes)",
                                  "name it with program= or the environment variable ISONEST"])
 
 
@@ -219,7 +218,7 @@ def _told(error: "dict[str, Any]") -> _errors.Error:
         message = re.split("(?:; |\n)" + re.escape(remedy["text"]), message)[0]
     if kind == "invalid_argument" and message.startswith("there is no command 'view'"):
         return _error(_errors.UnsupportedError, "isonest", "this build of the program cannot show a store",
-                      ["build it again where tools/install-deps has installed what that needs"])
+                      ["run tools/install-deps and build it again"])
     remedies = [f"give memory={remedy['value']} or more" if remedy["kind"] == "more_memory" and remedy["value"]
                 else _OPTION.sub(r"\1=", remedy["text"]) for remedy in error["remedies"]]
     about_memory = any(remedy["kind"] in ("more_memory", "less_memory") for remedy in error["remedies"])

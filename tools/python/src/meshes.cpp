@@ -443,7 +443,7 @@ const T* attribute_of(const MeshOrigin& origin, const char* name, std::size_t ve
     }
     if (!array || static_cast<std::size_t>(array->size()) !=
                       vertices * static_cast<std::size_t>(attribute->components)) {
-        throw py::value_error("the arrays of a mesh do not fit together");
+        throw py::value_error("the arrays of the mesh are inconsistent");
     }
     return array->data();
 }
@@ -477,7 +477,7 @@ void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, cons
     mesh.errors = attribute_of(origin, "error", mesh.vertices, errors);
     if (origin.layout.has_sides) {
         if (!labels || static_cast<std::size_t>(labels->size()) != 2 * mesh.elements) {
-            throw py::value_error("the arrays of a mesh do not fit together");
+            throw py::value_error("the arrays of the mesh are inconsistent");
         }
         mesh.sides = reinterpret_cast<const std::array<std::int64_t, 2>*>(labels->data());
     }

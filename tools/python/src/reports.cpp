@@ -29,7 +29,7 @@ std::string_view words_of(RemedyKind kind) {
         case RemedyKind::replace_existing:
             return "give replace=True to replace it";
         case RemedyKind::choose_dataset:
-            return "say which one with dataset=";
+            return "choose one with dataset=";
         case RemedyKind::describe_numbers:
             return "for raw numbers give shape= and dtype=";
         case RemedyKind::place_in_world:
@@ -41,21 +41,21 @@ std::string_view words_of(RemedyKind kind) {
         case RemedyKind::fewer_threads:
             return "give threads={}";
         case RemedyKind::resume:
-            return "call it again with resume=True to go on";
+            return "call it again with resume=True to continue";
         case RemedyKind::no_resume:
             return "leave out resume=True";
         case RemedyKind::make_fields:
-            return "preprocess the volume again with these among its indicators=: {}";
+            return "preprocess the volume again with indicators={}";
         case RemedyKind::other_field:
             return "name another field: {}";
         case RemedyKind::larger_error:
             return "allow a larger error=";
         case RemedyKind::smaller_box:
-            return "take a box= of it";
+            return "extract a part of it with box=";
         case RemedyKind::other_format:
             return "use {}";
         case RemedyKind::state_missing:
-            return "give the missing= of preprocess";
+            return "give the same missing= as for preprocess";
         case RemedyKind::newer_version:
             return "use a newer isonest";
         case RemedyKind::correct_numbers:
@@ -87,13 +87,13 @@ std::string_view words_of(RemedyKind kind) {
         case RemedyKind::other_scale:
             return "give another scale";
         case RemedyKind::scale_values:
-            return "scale the data, or take an offset off them, first";
+            return "scale the data or subtract an offset first";
         case RemedyKind::graph:
             return "draw its graph with Store.graph";
         case RemedyKind::choose_index:
             return "choose with index={{{}}}";
         case RemedyKind::choose_series:
-            return "say which one with series=";
+            return "choose one with series=";
         case RemedyKind::install_package:
             return "install {} and build isonest again";
         case RemedyKind::say_unit:
@@ -248,7 +248,7 @@ py::object value_of(const PreprocessReport& r, std::size_t which, double value) 
 
 void add_preprocess_report(py::module_& module) {
     using R = PreprocessReport;
-    py::class_<R>(module, "PreprocessReport", "What isonest.preprocess has done.")
+    py::class_<R>(module, "PreprocessReport", "The report of isonest.preprocess.")
         .def_property_readonly(
             "shape", [](const R& r) { return shape_of(r.nodes); }, "nodes per axis, (z, y, x)")
         .def_readonly("levels", &R::levels)
@@ -257,14 +257,14 @@ void add_preprocess_report(py::module_& module) {
         .def_readonly("chunks", &R::chunks)
         .def_property_readonly(
             "min", [](const R& r) { return value_of(r, 0, r.min_value); },
-            "the smallest finite value; of 64-bit labels an int")
+            "the smallest finite value; an int for 64-bit labels")
         .def_property_readonly(
             "max", [](const R& r) { return value_of(r, 1, r.max_value); },
-            "the largest finite value; of 64-bit labels an int")
+            "the largest finite value; an int for 64-bit labels")
         .def_readonly("has_missing", &R::has_missing, "values that are not finite were found")
-        .def_readonly("resumed_chunks", &R::resumed_chunks, "taken over from an interrupted run")
+        .def_readonly("resumed_chunks", &R::resumed_chunks, "reused from an interrupted run")
         .def_readonly("input_on_disk", &R::input_on_disk,
-                      "the input was first copied to temporary space: there was little memory")
+                      "the input was first copied to temporary space, for lack of memory")
         .def_readonly("seconds", &R::seconds)
         .def("__repr__", [](const R& r) {
             return py::str("PreprocessReport(shape={}, levels={}, store_bytes={}, seconds={:.3f})")
@@ -282,27 +282,31 @@ std::optional<std::string> analysis_of(const ExtractReport& r) {
 void add_extract_report(py::module_& module) {
     using R = ExtractReport;
     using Q = TriangleQuality;
-    py::class_<Q>(module, "TriangleQuality", "The smallest angles of triangles, in degrees.")
+    py::class_<Q>(module, "TriangleQuality",
+                  "Distribution of the smallest angles of the triangles, in degrees.")
         .def_readonly("least", &Q::least)
         .def_readonly("per_mille", &Q::per_mille)
         .def_readonly("percent", &Q::percent)
         .def_readonly("five_percent", &Q::five_percent)
         .def_readonly("median", &Q::median)
-        .def_readonly("narrow_share", &Q::narrow_share, "share with an angle below 5 degrees");
-    py::class_<R>(module, "Report", "How a mesh was made, and what is known of it.")
+        .def_readonly("narrow_share", &Q::narrow_share,
+                      "share of triangles with an angle below 5 degrees");
+    py::class_<R>(module, "Report",
+                  "The report of an extraction: how the mesh was made, and its properties.")
         .def_readonly("vertices", &R::vertices)
-        .def_readonly("triangles", &R::triangles, "or lines, of data in a plane")
-        .def_readonly("tolerance", &R::tolerance, "the error that was asked for")
+        .def_readonly("triangles", &R::triangles,
+                      "number of triangles; for isolines and contours, of lines")
+        .def_readonly("tolerance", &R::tolerance, "the requested error")
         .def_readonly("error_bound", &R::error_bound,
-                      "the error that is known of the mesh, not above the tolerance")
+                      "the proven error of the mesh, at most the tolerance")
         .def_readonly("value_rounding", &R::value_rounding)
         .def_readonly("value_range", &R::value_range)
         .def_property_readonly(
             "indicator", [](const R& r) { return std::string(name_of(r.traversal.stop)); },
-            "the field of the store that said where to stop")
+            "the field of the stop test")
         .def_property_readonly(
             "bound", [](const R& r) { return std::string(name_of(r.traversal.bound)); },
-            "the field by which elements without surface were left out")
+            "the field used to skip elements without surface")
         .def_property_readonly(
             "culled_by",
             [](const R& r) {
@@ -310,33 +314,35 @@ void add_extract_report(py::module_& module) {
                            ? std::optional(std::string(name_of(*r.traversal.culled_by)))
                            : std::nullopt;
             },
-            "the field by which what faces away was left out, or None")
+            "the field used to leave out parts that face away, or None")
         .def_property_readonly(
             "distance",
             [](const R& r) { return r.distance ? std::optional(r.distance->asked) : std::nullopt; },
-            "the distance within which the mesh was to be, in world units, or None")
+            "the requested distance to the full-resolution surface, in world units, or None")
         .def_property_readonly(
             "distance_bound", [](const R& r) { return r.distance ? r.distance->bound : 0.0; },
-            "what is proven of it, not above the distance")
-        .def_readonly("within_budget", &R::within_budget,
-                      "whether there are no more triangles than were asked for, or None")
+            "the proven distance, at most the requested one")
+        .def_readonly(
+            "within_budget", &R::within_budget,
+            "whether there are at most as many triangles as requested; None without such a request")
         .def_property_readonly(
             "full_triangles",
             [](const R& r) { return r.distance ? r.distance->full_triangles : 0; },
-            "of the surface at full resolution, if a distance was asked for")
+            "number of triangles of the full-resolution surface, if a distance was requested")
         .def_property_readonly(
             "full_area",
             [](const R& r) {
                 return r.distance && r.distance->full ? std::optional(r.distance->full->area)
                                                       : std::nullopt;
             },
-            "of the surface that the distance is from, in square world units, or None")
+            "area of the full-resolution surface, in square world units; None without a distance")
         .def_property_readonly(
             "full_volume",
             [](const R& r) {
                 return r.distance && r.distance->full ? r.distance->full->volume : std::nullopt;
             },
-            "within that surface, in cubic world units; None unless it is closed")
+            "volume enclosed by the full-resolution surface, in cubic world units; None unless it "
+            "is closed")
         .def_property_readonly(
             "full_volume_interval",
             [](const R& r) {
@@ -344,20 +350,19 @@ void add_extract_report(py::module_& module) {
                                                                    r.volume_interval->most))
                                          : std::nullopt;
             },
-            "between which volumes that at full resolution lies, if it was asked for, or None")
+            "interval that contains the solid's volume at full resolution, if requested, or None")
         .def_property_readonly(
             "smooth_passes",
             [](const R& r) { return r.smooth ? std::optional(r.smooth->passes) : std::nullopt; },
-            "how often the vertices of a smooth label were moved, or None")
+            "number of smoothing passes of a smooth label, or None")
         .def_property_readonly(
             "smooth_bound", [](const R& r) { return r.smooth ? r.smooth->bound : 0.0; },
-            "proven: no point of a smooth label's mesh is further from the faces of its voxels, in "
+            "largest proven distance between a smooth label's mesh and the faces of its voxels, in "
             "world units")
         .def_property_readonly(
             "nodes_beyond", [](const R& r) { return r.smooth ? r.smooth->nodes_beyond : 0.0; },
             "proven: all nodes further than this from the surfaces between smooth labels are "
-            "inside "
-            "the meshes of their own labels alone, in world units; 0: all nodes")
+            "inside the meshes of their own labels only, in world units; 0: all nodes")
         .def_property_readonly(
             "neighbours",
             [](const R& r) {
@@ -369,14 +374,14 @@ void add_extract_report(py::module_& module) {
                 }
                 return areas;
             },
-            "of a smooth label: the labels that it touches, and the area that their meshes share, "
+            "the labels that a smooth label touches, each with the area that their meshes share, "
             "in square world units")
         .def_property_readonly(
             "outside",
             [](const R& r) {
                 return r.interfaces ? std::optional(r.interfaces->outside) : std::nullopt;
             },
-            "of interfaces: the number in place of a label for what has none, or None")
+            "of interfaces: the number that means no label, or None")
         .def_property_readonly("nested_triangles",
                                [](const R& r) {
                                    return r.simplified_error ? r.simplified_error->nested_triangles
@@ -387,9 +392,9 @@ void add_extract_report(py::module_& module) {
             [](const R& r) {
                 return r.simplified_error ? r.simplified_error->full_bound : std::nullopt;
             },
-            "of hexahedra that are simplified within an error: by how much the trilinear function "
-            "differs from the isovalue at most on triangles that stay as at full resolution; else "
-            "None")
+            "for hexahedra simplified within an error: the largest difference between the "
+            "trilinear function and the isovalue on triangles kept from the full-resolution "
+            "surface; else None")
         .def_property_readonly(
             "components", [](const R& r) { return r.components ? r.components->components : 0; })
         .def_property_readonly("dropped_components",
@@ -400,30 +405,30 @@ void add_extract_report(py::module_& module) {
         .def_property_readonly(
             "largest_dropped",
             [](const R& r) { return r.components ? r.components->largest_dropped : 0; },
-            "triangles of the largest of them")
+            "triangles of the largest dropped component")
         .def_property_readonly(
             "border_vertices",
             [](const R& r) { return r.closing ? r.closing->border_vertices : 0; })
         .def_property_readonly(
             "analysis", [](const R& r) { return analysis_of(r); },
-            "what was done with a kept analysis: 'made', 'found', 'replaced_stale', "
-            "'replaced_damaged' or 'not_used'; None if none was asked for")
+            "how a kept analysis was used: 'made', 'found', 'replaced_stale', 'replaced_damaged' "
+            "or 'not_used'; None if none was requested")
         .def_property_readonly(
             "analysis_file",
             [](const R& r) { return r.analysis ? std::optional(r.analysis->file) : std::nullopt; },
-            "where it is kept, or None")
+            "the file of the kept analysis, or None")
         .def_property_readonly("mended_triangles", [](const R& r) { return r.mending.mended; })
         .def_property_readonly("zero_area_triangles",
                                [](const R& r) { return r.mending.zero_area; })
         .def_property_readonly(
             "apart_vertices", [](const R& r) { return r.apart.moved; },
-            "vertices of sheets that touch, moved so that no two are in one place")
+            "vertices of touching sheets that were moved apart")
         .def_property_readonly(
             "together_vertices", [](const R& r) { return r.apart.together; },
-            "vertices that are in one place all the same")
+            "vertices that still coincide with others")
         .def_readonly(
             "coordinate_rounding", &R::coordinate_rounding,
-            "most by which float32 coordinates are off, in distances of neighbouring nodes")
+            "largest rounding error of float32 coordinates, relative to the distance between nodes")
         .def_property_readonly("visited_cells", [](const R& r) { return r.traversal.visited; })
         .def_property_readonly("leaf_cells", [](const R& r) { return r.traversal.leaves; })
         .def_property_readonly("chunks_read", [](const R& r) { return r.traversal.chunks_read; })
@@ -432,11 +437,11 @@ void add_extract_report(py::module_& module) {
         .def_property_readonly(
             "area",
             [](const R& r) { return r.measures ? std::optional(r.measures->area) : std::nullopt; },
-            "of the mesh, in square world units; None of lines")
+            "area of the mesh, in square world units; None for lines")
         .def_property_readonly(
             "volume", [](const R& r) { return r.measures ? r.measures->volume : std::nullopt; },
-            "within the mesh, in cubic world units; None unless it is closed")
-        .def_readonly("quality", &R::quality, "TriangleQuality if it was asked for, or None")
+            "volume enclosed by the mesh, in cubic world units; None unless it is closed")
+        .def_readonly("quality", &R::quality, "TriangleQuality if requested, or None")
         .def_readonly("seconds", &R::seconds)
         .def("__repr__", [](const R& r) {
             return py::str("Report(vertices={}, triangles={}, error_bound={}, seconds={:.3f})")

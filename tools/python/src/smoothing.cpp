@@ -113,27 +113,29 @@ void add_studies(py::module_& module) {
     module.def("export_field", &export_store_field, "store"_a, "path"_a, "field"_a, "level"_a,
                "replace"_a, "memory"_a, "progress"_a);
     add_study_options(module);
-    py::class_<R>(module, "StudyRow",
-                  "One threshold of one field: the mesh that is refined where the field is not "
-                  "below it.")
+    py::class_<R>(
+        module, "StudyRow",
+        "The mesh for one threshold of one field: refined where the field is not below it.")
         .def_property_readonly("field", [](const R& r) { return name_of(r.field); })
-        .def_readonly("threshold", &R::threshold, "of the field's largest value")
-        .def_readonly("visited", &R::visited, "cells of all levels")
+        .def_readonly("threshold", &R::threshold, "relative to the field's largest value")
+        .def_readonly("visited", &R::visited, "visited cells of all levels")
         .def_readonly("leaves", &R::leaves, "elements of the mesh")
         .def_readonly("nodes", &R::nodes, "of the mesh")
         .def_property_readonly(
             "l1", [](const R& r) { return r.norms.l1; },
-            "the error of the function on the mesh, of the data's range, in three norms")
+            "error of the function on the mesh, relative to the data's range; l1, l2 and linf are "
+            "its norms")
         .def_property_readonly("l2", [](const R& r) { return r.norms.l2; })
         .def_property_readonly("linf", [](const R& r) { return r.norms.linf; })
         .def_property_readonly(
             "value_lp", [](const R& r) { return r.true_norms.value; },
-            "with norm=: the errors in that norm, integrated")
+            "with norm=: the integrated error in that norm")
         .def_property_readonly("gradient_lp", [](const R& r) { return r.true_norms.gradient; })
         .def_property_readonly("gradient_linf",
                                [](const R& r) { return r.true_norms.gradient_linf; })
         .def_readonly("graph_distance", &R::graph_distance, "with graph_distance=True")
-        .def_readonly("iso_visited", &R::iso_visited, "with iso=: what extracting it visits")
+        .def_readonly("iso_visited", &R::iso_visited,
+                      "with iso=: elements visited when extracting it")
         .def_readonly("iso_leaves", &R::iso_leaves)
         .def("__repr__", [](const R& r) {
             return py::str("StudyRow({} at {:.3g}: leaves={}, linf={:.3g})")
@@ -334,12 +336,12 @@ void add_smoothing(py::module_& module) {
         .def_readwrite("output", &O::output)
         .def_readwrite("replace", &O::replace)
         .def_readwrite("memory", &O::memory);
-    py::class_<S>(module, "SmoothStep", "What a step of isonest.smooth did.")
+    py::class_<S>(module, "SmoothStep", "The report of a step of isonest.smooth.")
         .def_readonly("unknowns", &S::unknowns, "nodes of the grid")
         .def_readonly("iterations", &S::iterations, "of the solver")
         .def_readonly("residual", &S::residual)
-        .def_readonly("mean", &S::mean, "of the function, which a step does not change")
-        .def_readonly("variance", &S::variance, "which a step does not raise")
+        .def_readonly("mean", &S::mean, "of the function; not changed by a step")
+        .def_readonly("variance", &S::variance, "of the function; not increased by a step")
         .def_readonly("least", &S::least)
         .def_readonly("largest", &S::largest)
         .def("__repr__", [](const S& s) {

@@ -110,18 +110,18 @@ Checked check_store(const OpenStore& handle, bool quick, bool deep, Source* sour
 
 void add_reports_of_checks(py::module_& module) {
     using detail::Finding;
-    py::class_<Finding>(module, "Finding", "One thing that is wrong with a store.")
-        .def_readonly("test", &Finding::test, "which test found it, such as 'checksum'")
+    py::class_<Finding>(module, "Finding", "One problem of a store.")
+        .def_readonly("test", &Finding::test, "the test that found it, such as 'checksum'")
         .def_readonly("field", &Finding::field)
         .def_readonly("level", &Finding::level)
         .def_property_readonly(
-            "chunk", [](const Finding& f) { return shape_of(f.chunk); }, "its place, (z, y, x)")
+            "chunk", [](const Finding& f) { return shape_of(f.chunk); }, "its index, (z, y, x)")
         .def_property_readonly(
             "node",
             [](const Finding& f) {
                 return f.node.x < 0 ? py::object(py::none()) : py::object(shape_of(f.node));
             },
-            "(z, y, x) on the finest lattice; None if it is the chunk as a whole")
+            "(z, y, x) on the finest lattice; None if the whole chunk is concerned")
         .def_readonly("message", &Finding::message)
         .def("__repr__", [](const Finding& f) {
             return py::str("Finding({}: level {}, {}: {})")
@@ -130,15 +130,16 @@ void add_reports_of_checks(py::module_& module) {
     py::class_<Analysis>(module, "Analysis", "A kept analysis of a surface; see keep_analysis=.")
         .def_readonly("path", &Analysis::path)
         .def_readonly("state", &Analysis::state,
-                      "'current'; 'stale' or 'damaged' ones are made anew when they are used")
-        .def_readonly("query", &Analysis::query, "what it is of, in words; None if it is damaged")
+                      "'current'; 'stale' or 'damaged' ones are replaced when they are used")
+        .def_readonly("query", &Analysis::query,
+                      "the surface in words; None if the file is damaged")
         .def_readonly("problem", &Analysis::problem, "why it is not current, or None")
-        .def_readonly("steps", &Analysis::steps, "the distances and triangles of its meshes");
-    py::class_<Checked>(module, "CheckReport", "What Store.check has found.")
-        .def_property_readonly("ok", &Checked::ok, "nothing is wrong")
+        .def_readonly("steps", &Analysis::steps, "distance and number of triangles of each mesh");
+    py::class_<Checked>(module, "CheckReport", "The report of Store.check.")
+        .def_property_readonly("ok", &Checked::ok, "no problem was found")
         .def_property_readonly(
             "chunks", [](const Checked& c) { return c.report.chunks; },
-            "of which the checksums were compared")
+            "chunks whose checksums were compared")
         .def_property_readonly(
             "nodes", [](const Checked& c) { return c.report.nodes; },
             "values and indicators compared")

@@ -27,7 +27,7 @@ export class Banner {
     } else if (status === kGone) {
       this.tell("store", error.message, false);
     } else if (status === kForbidden) {
-      this.tell("request", `${error.message}. Open the whole address that isonest view has printed.`, false);
+      this.tell("request", `${error.message}. Open the complete URL that isonest view printed.`, false);
     } else {
       this.tell("request", error.message, true);
     }
@@ -36,7 +36,7 @@ export class Banner {
   /** Called with the state in the server's status. */
   storeLost(how: string): void {
     const what = how === "replaced" ? "was replaced by another file" : how === "cut off" ? "was cut off: the file is shorter than it was" : `is ${how}`;
-    this.tell("store", `The store ${what}. End isonest view and start it again, then reload this page.`, false);
+    this.tell("store", `The store ${what}. Restart isonest view, then reload this page.`, false);
   }
 
   /** The server answers: after an outage, everything that is shown is requested again. */

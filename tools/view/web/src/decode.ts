@@ -21,7 +21,7 @@ export async function decodeMesh(buffer: ArrayBuffer): Promise<Mesh> {
   await MeshoptDecoder.ready;
   if (buffer.byteLength < kAlignment) throw new Error("the answer is too short to be a mesh");
   const fixed = new DataView(buffer);
-  if (fixed.getUint32(0, true) !== 0x564f5349) throw new Error("the answer is no mesh");
+  if (fixed.getUint32(0, true) !== 0x564f5349) throw new Error("the answer is not a mesh");
   if (fixed.getUint32(4, true) !== 1) throw new Error("the mesh is of another version of the protocol: reload the page");
   const length = fixed.getUint32(8, true);
   if (kAlignment + length > buffer.byteLength) throw new Error("the mesh is cut off");
@@ -38,7 +38,7 @@ export async function decodeMesh(buffer: ArrayBuffer): Promise<Mesh> {
   const normals = sections.get("normals") ?? new Uint8Array();
   const indices = sections.get("indices") ?? new Uint8Array();
   if (positions.length !== 8 * header.vertices || indices.length !== 12 * header.triangles) {
-    throw new Error("the mesh has not what its header says");
+    throw new Error("the mesh does not match its header");
   }
   return {
     header,
@@ -54,7 +54,7 @@ function decodeSection(section: Section, source: Uint8Array): Uint8Array<ArrayBu
   const target = new Uint8Array(section.count * section.stride);
   switch (section.encoding) {
     case "raw":
-      if (source.length !== target.length) throw new Error(`the section ${section.name} has another length`);
+      if (source.length !== target.length) throw new Error(`the section ${section.name} has the wrong length`);
       target.set(source);
       break;
     case "meshopt_vertex":

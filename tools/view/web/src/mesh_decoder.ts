@@ -19,7 +19,7 @@ export class MeshDecoder {
       else waiting?.reject(new Error(error ?? "the mesh could not be decoded"));
     };
     this.worker.onerror = () => {
-      for (const { reject } of this.waiting.values()) reject(new Error("the part of the page that decodes meshes failed: reload the page"));
+      for (const { reject } of this.waiting.values()) reject(new Error("the page's mesh decoder failed: reload the page"));
       this.waiting.clear();
     };
   }

@@ -91,7 +91,7 @@ export class Slice {
   private steps(): readonly Step[] {
     const limit = Math.min(kMaxTriangles, this.views.state.most);
     const camera = [...this.stage.seen, kPixels].map((part) => Number(part.toPrecision(9))).join(",");
-    return [{ parameters: { ...this.basis(), camera, error: this.error, limit }, aim: "to what the screen can show" }];
+    return [{ parameters: { ...this.basis(), camera, error: this.error, limit }, aim: "to the screen's resolution" }];
   }
 
   private enough(shown: MeshHeader): boolean {

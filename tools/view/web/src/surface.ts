@@ -137,7 +137,7 @@ export class Surface {
         const within: Parameters = distance === null ? { camera: this.camera(pixels) } : { distance, effort: "fast" };
         return [
           { parameters: { ...basis, camera: this.camera(4 * pixels), limit }, aim: `to ${4 * pixels} pixels` },
-          { parameters: { ...basis, ...within, limit }, aim: "to what the screen can show" },
+          { parameters: { ...basis, ...within, limit }, aim: "to the screen's resolution" },
         ];
       }
       case "full":

@@ -53,7 +53,7 @@ export class ExportPanel {
       this.subject.row, this.format.row, h("div", { class: "buttons" }, save, picture),
       ...(server
         ? [h("p", { class: "note" }, "The same mesh by the command line:"), this.command, h("div", { class: "buttons" }, copy, this.copied)]
-        : [h("p", { class: "note" }, "The mesh has the places that are shown, rounded as it is said above.")]),
+        : [h("p", { class: "note" }, "The mesh has the positions shown, rounded as stated above.")]),
     );
     this.element.addEventListener("toggle", () => this.refresh());
   }
@@ -85,7 +85,7 @@ export class ExportPanel {
 
   private async saveMesh(): Promise<void> {
     const parameters = this.parameters();
-    if (!parameters) return this.failed(new Error("There is nothing to save: what was chosen is not shown."));
+    if (!parameters) return this.failed(new Error("Nothing to save: the selected mesh is not shown."));
     const format = this.format.input.value;
     const name = `${this.name}.${format}`;
     // Downloaded by the browser directly to disk, because a mesh may exceed the page's memory.
@@ -118,7 +118,7 @@ export class ExportPanel {
     this.last = key;
     this.copied.textContent = "";
     if (!parameters) {
-      this.command.textContent = "What was chosen is not shown.";
+      this.command.textContent = "The selected mesh is not shown.";
       return;
     }
     try {
@@ -135,7 +135,7 @@ export class ExportPanel {
       this.copied.textContent = "Copied.";
     } catch {
       getSelection()?.selectAllChildren(this.command);
-      this.copied.textContent = "Selected; copy it by hand: the browser does not let the page do it.";
+      this.copied.textContent = "Selected; press Ctrl+C: the browser does not allow the page to copy it.";
     }
   }
 }

@@ -47,7 +47,7 @@ export class HistogramPanel {
     this.number.addEventListener("change", () => {
       if (store.labels && Math.abs(this.number.valueAsNumber) > Number.MAX_SAFE_INTEGER) {
         this.number.valueAsNumber = views.state.iso;
-        this.note.textContent = "Labels beyond 2^53 cannot be chosen on this page. isonest extract --label takes them.";
+        this.note.textContent = "Labels beyond 2^53 cannot be selected on this page; use isonest extract --label.";
       } else if (Number.isFinite(this.number.valueAsNumber)) views.set({ iso: this.number.valueAsNumber });
       else this.number.valueAsNumber = views.state.iso;
     });
@@ -78,7 +78,7 @@ export class HistogramPanel {
 
   /** The name of the label; empty if it has none. */
   showLabel(name: string): void {
-    this.note.textContent = `${name === "" ? "The surface of this label is shown." : `The surface of ${name} is shown.`} The cursor tells the label that it is on.`;
+    this.note.textContent = `${name === "" ? "The surface of this label is shown." : `The surface of ${name} is shown.`} Point at the data to see their labels.`;
   }
 
   fail(message: string): void {

@@ -51,7 +51,7 @@ export class MemoryPanel {
     this.set("card", bytes(card));
     this.set("page", bytes(page));
     const heap = (performance as { memory?: { usedJSHeapSize: number } }).memory?.usedJSHeapSize;
-    this.set("heap", heap === undefined ? "not told by this browser" : bytes(heap));
+    this.set("heap", heap === undefined ? "not reported by this browser" : bytes(heap));
     this.set("received", bytes(this.api.received));
     if (this.status) this.set("server", `${bytes(this.status.heap_bytes)} of ${bytes(this.store.memory)} allowed`);
   }

@@ -39,7 +39,7 @@ export class SlicePanel {
     for (const [name, element] of this.bounds) {
       const slice = this.slices.get(name);
       const header = slice?.drawn.header;
-      const more = slice?.refiner.aim != null ? (header ? ", refining…" : "Loading…") : slice?.refiner.busy && header ? ", refines when you rest" : "";
+      const more = slice?.refiner.aim != null ? (header ? ", refining…" : "Loading…") : slice?.refiner.busy && header ? ", refines when the view is still" : "";
       const short = slice?.refiner.shortOfMemory ? "; there is too little memory for a finer one" : "";
       element.textContent = header ? `${sliceBound(header)}; ${whole(header.triangles)} triangles${short}${more}` : more;
     }

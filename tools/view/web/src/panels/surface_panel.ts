@@ -77,8 +77,8 @@ export class SurfacePanel {
     this.progress.textContent = this.underWay();
     this.progress.classList.toggle("active", this.surface.refiner.busy && header !== null);
     const short = this.surface.refiner.shortOfMemory ? "There is too little memory for a finer surface. " : "";
-    const limited = header && !short && this.limited() ? `It would take more than ${whole(this.views.state.most)} triangles to be as fine as wanted. ` : "";
-    const uncut = header?.stop === "smooth" && this.views.state.box ? "A smooth surface is whole: the box does not cut it. " : "";
+    const limited = header && !short && this.limited() ? `The requested accuracy needs more than ${whole(this.views.state.most)} triangles. ` : "";
+    const uncut = header?.stop === "smooth" && this.views.state.box ? "Smooth surfaces are not clipped to the box. " : "";
     this.detail.textContent = header ? `${short}${limited}${uncut}${rounding(header, this.unit)}` : "";
   }
 
@@ -86,7 +86,7 @@ export class SurfacePanel {
   sentence(): string {
     const { header } = this.surface.drawn;
     if (!header) return "";
-    if (header.triangles === 0) return header.full_resolution ? "No surface: nothing has this value here" : "No surface that is coarse enough; a finer one may show some";
+    if (header.triangles === 0) return header.full_resolution ? "No surface: nothing has this value here" : "No surface at this error; a smaller error may show some";
     const text = surfaceBound(header, this.unit);
     return text[0]?.toUpperCase() + text.slice(1);
   }
@@ -99,7 +99,7 @@ export class SurfacePanel {
       const got = received > 0 ? `, ${bytes(received)} received` : "";
       return header && step[1] > 0 ? `Refining ${aim}${which}${got}…` : `Loading ${short(this.views.state.iso)}${got}…`;
     }
-    if (busy) return "Refines when you rest.";
+    if (busy) return "Refines when the view is still.";
     return header ? "Not being refined." : "";
   }
 

@@ -43,7 +43,7 @@ export class UrlBytes implements ObjectBytes {
     if (response.status === 404) throw new Error(`${name}: there is no such file.`);
     if (!response.ok) throw new Error(answers(name, response.status, (header) => response.headers.get(header), tried));
     const size = Number(response.headers.get("Content-Length") ?? Number.NaN);
-    if (!Number.isSafeInteger(size)) throw new Error(`${name}: the server does not say how long the file is.`);
+    if (!Number.isSafeInteger(size)) throw new Error(`${name}: the server does not report the size of the file.`);
     const state = stateOf((header) => response.headers.get(header));
     return new UrlBytes(absolute.href, name, size, state, performance.now() - start, received);
   }
@@ -84,12 +84,12 @@ export class UrlBytes implements ObjectBytes {
 
   private require(status: number, header: HeaderOf, tried: string): void {
     if (status === 200) {
-      throw new Error(`${this.name}: the server answers requests for ranges with the whole file; a page can only read stores from servers that know ranges.`);
+      throw new Error(`${this.name}: the server answers range requests with the whole file; a page can only read stores from servers that support ranges.`);
     }
-    if (status === 404 || status === 416) throw new Error(`${this.name}: was removed or replaced since it was opened: load the page anew.`);
+    if (status === 404 || status === 416) throw new Error(`${this.name}: was removed or replaced since it was opened: reload the page.`);
     if (status !== 206) throw new Error(answers(this.name, status, header, tried));
     if (!isSame(stateOf(header), this.state)) {
-      throw new Error(`${this.name}: was replaced since it was opened: load the page anew.`);
+      throw new Error(`${this.name}: was replaced since it was opened: reload the page.`);
     }
   }
 

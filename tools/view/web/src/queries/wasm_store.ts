@@ -120,7 +120,7 @@ export class WasmStore {
 
   private put(offset: number, bytes: Uint8Array): void {
     const at = this.module._malloc(bytes.length);
-    if (at === 0) throw new Error("The memory of this page is too small for what has to be fetched.");
+    if (at === 0) throw new Error("This page has too little memory for the data to be fetched.");
     this.module.HEAPU8.set(bytes, at);
     this.module._isonest_put(offset, at, bytes.length);
     this.module._free(at);
@@ -146,7 +146,7 @@ export class WasmStore {
   private withText<T>(text: string, use: (at: number) => T): T {
     const bytes = new TextEncoder().encode(text + "\0");
     const at = this.module._malloc(bytes.length);
-    if (at === 0) throw new Error("The memory of this page is too small.");
+    if (at === 0) throw new Error("This page has too little memory.");
     this.module.HEAPU8.set(bytes, at);
     try {
       return use(at);

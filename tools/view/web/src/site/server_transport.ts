@@ -17,7 +17,7 @@ export class ServerTransport implements Transport {
       return { status: response.status, body: await readAll(response, progress) };
     } catch (error) {
       if (!(error instanceof TypeError)) throw error;
-      const hint = "Is isonest view still running? When it is started again at the same address, this page goes on.";
+      const hint = "Is isonest view still running? If it is restarted at the same address, this page continues.";
       throw new Unanswered(`The server does not answer. ${hint}`, false);
     }
   }

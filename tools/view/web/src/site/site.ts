@@ -32,12 +32,12 @@ export async function readSite(): Promise<Site | null> {
   const list = document.querySelector<HTMLMetaElement>('meta[name="isonest-site"]')?.content;
   if (list === undefined) return null;
   if (location.protocol === "file:") {
-    throw new Error("A browser shows this page only from a web server. Put the folder on one that answers ranges, and open its address.");
+    throw new Error("This page works only from a web server. Put the folder on a server that supports range requests, and open its URL.");
   }
   const response = await fetch(list, { cache: "no-cache" }).catch(() => null);
   if (!response?.ok) throw new Error(`The list of stores, ${list}, cannot be read${response ? `: the server answers ${response.status}` : ""}.`);
   const site = (await response.json().catch(() => null)) as { isonest_site?: unknown } | null;
-  if (!site || site.isonest_site !== kVersion) throw new Error(`${list} is no list of stores that this page knows: publish the folder anew.`);
+  if (!site || site.isonest_site !== kVersion) throw new Error(`${list} is not a list of stores that this page can read: publish the folder again.`);
   return checked(site as unknown as Site, list);
 }
 
@@ -47,7 +47,7 @@ function checked(site: Site, list: string): Site {
     text(store.name, store.url, store.title, store.description, store.license, store.type) && Number.isFinite(store.bytes) &&
     Array.isArray(store.nodes) && /^https?:$/.test(new URL(store.url, document.baseURI).protocol);
   const whole = text(site.title, site.description, site.license) && Number.isFinite(site.memory) && Array.isArray(site.stores) && site.stores.length > 0;
-  if (!whole || !site.stores.every(right)) throw new Error(`${list} is damaged: publish the folder anew.`);
+  if (!whole || !site.stores.every(right)) throw new Error(`${list} is damaged: publish the folder again.`);
   return site;
 }
 

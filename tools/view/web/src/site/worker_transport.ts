@@ -26,10 +26,10 @@ export class WorkerTransport implements Transport {
   /** `url`: of the store; `memory`: the worker's memory budget in bytes. Errors are reported with the first answer. */
   constructor(url: string, memory: number) {
     this.worker.onmessage = (event: MessageEvent<Message>) => this.take(event.data);
-    this.worker.onmessageerror = () => this.fail("The part of the page that reads the store sends what is no message.");
+    this.worker.onmessageerror = () => this.fail("The page's worker, which reads the store, sent an invalid message.");
     this.worker.onerror = (event) => {
       event.preventDefault(); // shown on the page
-      this.fail(event.message ? `The part of the page that reads the store has failed: ${event.message}` : `The part of the page that reads the store cannot be loaded: ${kScript}`);
+      this.fail(event.message ? `The page's worker, which reads the store, failed: ${event.message}` : `The page's worker, which reads the store, cannot be loaded: ${kScript}`);
     };
     this.worker.postMessage({ kind: "open", url, memory });
   }
