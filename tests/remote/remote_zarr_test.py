@@ -90,9 +90,9 @@ class Case(unittest.TestCase):
         local = preprocess(FOLDER / name, "local.isonest", *options)
         self.assertEqual(local.returncode, 0, local.stderr)
         with RangeServer(FOLDER, **(server_options or {})) as server:
-            far = preprocess(server.url(name), "far.isonest", *options)
-            self.assertEqual(far.returncode, 0, far.stderr)
-            self.assertEqual((FOLDER / "far.isonest").read_bytes(), (FOLDER / "local.isonest").read_bytes())
+            remote = preprocess(server.url(name), "remote.isonest", *options)
+            self.assertEqual(remote.returncode, 0, remote.stderr)
+            self.assertEqual((FOLDER / "remote.isonest").read_bytes(), (FOLDER / "local.isonest").read_bytes())
             counts = asked(server)
             self.assertEqual([key for key, count in counts.items()
                               if count > (2 if little_memory and (key[1] or "").startswith("bytes=-") else 1)], [])
@@ -203,7 +203,7 @@ class SameBytes(Case):
                 self.same("--index", "t=0,c=1", "--dataset", "1")
                 self.same("--index", "t=0,c=1", "--dataset", "labels/nuclei", "--labels")
                 self.same("--index", "t=0,c=1", "--labels", name="v.zarr/labels/")
-                labels = json.loads(run("info", "far.isonest", "--json").stdout)
+                labels = json.loads(run("info", "remote.isonest", "--json").stdout)
                 self.assertEqual(labels["unit"], "um")
 
     def test_groups_and_what_is_consolidated(self):
@@ -266,7 +266,7 @@ class SameBytes(Case):
             a = group.create_dataset(name, data=at.astype("f8"), fill_value=None)
             a.attrs["_ARRAY_DIMENSIONS"], a.attrs["units"] = [name], "mm"
         self.same("--dataset", "t")
-        info = json.loads(run("info", "far.isonest", "--json").stdout)
+        info = json.loads(run("info", "remote.isonest", "--json").stdout)
         self.assertEqual((info["origin"], info["spacing"], info["unit"]), ([-7, 0, 1], [1, 0.25, 2], "mm"))
         zarr.consolidate_metadata(str(self.path))
         self.same("--crop", "2:5,:,1:4")
@@ -310,10 +310,10 @@ class SameBytes(Case):
         with RangeServer(FOLDER, password=("me", SECRET),
                          fault_of=lambda number, path, _: None if path.endswith("?sig=" + SECRET) else "status:403") as server:
             url = server.url("v.zarr/", f"me:{SECRET}@") + "?sig=" + SECRET
-            done = preprocess(url, "far.isonest", "--json")
+            done = preprocess(url, "remote.isonest", "--json")
             self.assertEqual(done.returncode, 0, done.stderr)
             self.assertNotIn(SECRET, done.stdout + done.stderr)
-            self.assertNotIn(SECRET.encode(), (FOLDER / "far.isonest").read_bytes())
+            self.assertNotIn(SECRET.encode(), (FOLDER / "remote.isonest").read_bytes())
             error = self.failed(6, ("403", "credentials"), server.url("v.zarr", f"me:{SECRET}@"))
             self.assertEqual(error["file"], server.url("v.zarr/zarr.json"))
 
@@ -323,14 +323,14 @@ class SameBytes(Case):
         with RangeServer(FOLDER, keys={"KEY": (SECRET, "")}) as server:
             keys = {"AWS_ACCESS_KEY_ID": "KEY", "AWS_SECRET_ACCESS_KEY": SECRET, "AWS_REGION": "us-east-1",
                     "AWS_ENDPOINT_URL": server.url("").rstrip("/")}
-            done = preprocess("s3://bucket/a b+c=ü/", "far.isonest", **keys)
+            done = preprocess("s3://bucket/a b+c=ü/", "remote.isonest", **keys)
             self.assertEqual(done.returncode, 0, done.stderr)
             preprocess(bucket, "local.isonest")
-            self.assertEqual((FOLDER / "far.isonest").read_bytes(), (FOLDER / "local.isonest").read_bytes())
+            self.assertEqual((FOLDER / "remote.isonest").read_bytes(), (FOLDER / "local.isonest").read_bytes())
             # Without the permission to list, missing objects are answered with 403.
             server.fault_of = lambda number, path, _: None if path.startswith("/bucket/a") and (
                 path.endswith("zarr.json") or "/c/" in path) else "status:403"
-            done = preprocess("s3://bucket/a b+c=ü/", "far.isonest", "--json", **keys)
+            done = preprocess("s3://bucket/a b+c=ü/", "remote.isonest", "--json", **keys)
             self.assertEqual(done.returncode, 0, done.stderr)
             self.assertIn("403", "".join(json.loads(done.stdout)["notes"]))
             server.fault_of = lambda number, path, _: "status:403" if path.endswith("/c/0/0/1") else None
@@ -365,10 +365,10 @@ class Faults(Case):
                 with self.subTest(name=name, fault=fault), RangeServer(
                         FOLDER, fault_of=self.only(fault, ("/c/0/1/1", "/c/0/0/0", "zarr.json"), 1)) as server:
                     code = 4 if fault == "page" else 0  # the wrong content cannot be detected
-                    done = preprocess(server.url(name), "far.isonest", "--json")
+                    done = preprocess(server.url(name), "remote.isonest", "--json")
                     self.assertEqual(done.returncode, code, done.stdout)
                     if code == 0:
-                        self.assertEqual((FOLDER / "far.isonest").read_bytes(), (FOLDER / "local.isonest").read_bytes())
+                        self.assertEqual((FOLDER / "remote.isonest").read_bytes(), (FOLDER / "local.isonest").read_bytes())
 
     def test_what_does_not_pass_is_an_error_that_names_the_object(self):
         for name, fault, code, words in (
@@ -435,13 +435,13 @@ class Resume(Case):
         V3(self.path, data, (8, 16, 16), codecs=("zstd",))
         preprocess(self.path, "local.isonest")
         with RangeServer(FOLDER, fault_of=lambda number, path, _: "status:400" if "/c/8/" in path else None) as server:
-            done = run("preprocess", server.url("v.zarr"), "-o", "far.isonest", "--chunk", "8", "--resume")
+            done = run("preprocess", server.url("v.zarr"), "-o", "remote.isonest", "--chunk", "8", "--resume")
             self.assertEqual(done.returncode, 6, done.stderr)
             self.assertIn("is kept", done.stderr)
             server.fault_of = lambda *_: None
             # The same metadata, written again, have another ETag.
             (self.path / "zarr.json").write_text((self.path / "zarr.json").read_text())
-            again = run("preprocess", server.url("v.zarr"), "-o", "far.isonest", "--chunk", "8", "--resume")
+            again = run("preprocess", server.url("v.zarr"), "-o", "remote.isonest", "--chunk", "8", "--resume")
             self.assertEqual(again.returncode, 2, again.stderr)
             self.assertIn("another input", again.stderr)
 
@@ -451,25 +451,25 @@ class Resume(Case):
         for validators in (None, lambda path, data: {}):
             with RangeServer(FOLDER, validators=validators,
                              fault_of=lambda number, path, _: "status:400" if "/c/8/" in path else None) as server:
-                done = run("preprocess", server.url("v.zarr"), "-o", "far.isonest", "--chunk", "8", "--resume")
+                done = run("preprocess", server.url("v.zarr"), "-o", "remote.isonest", "--chunk", "8", "--resume")
                 self.assertEqual(done.returncode, 6, done.stderr)
                 until_it_is_quiet(server)
                 server.fault_of, server.notes[:] = lambda *_: None, []
-                done = run("preprocess", server.url("v.zarr"), "-o", "far.isonest", "--chunk", "8", "--resume", "--json")
+                done = run("preprocess", server.url("v.zarr"), "-o", "remote.isonest", "--chunk", "8", "--resume", "--json")
                 self.assertEqual(done.returncode, 0, done.stderr)
                 self.assertGreater(json.loads(done.stdout)["resumed_chunks"], 0)
-                self.assertEqual((FOLDER / "far.isonest").read_bytes(), (FOLDER / "local.isonest").read_bytes())
+                self.assertEqual((FOLDER / "remote.isonest").read_bytes(), (FOLDER / "local.isonest").read_bytes())
                 counts = asked(server)
                 self.assertEqual({what: times for what, times in counts.items() if times > 1}, {})
                 # The first plane is compared; nothing is fetched of the planes between.
                 self.assertEqual([path for path, _ in counts if re.match(r"/v.zarr/c/[12]/", path)], [])
-            (FOLDER / "far.isonest").unlink()
+            (FOLDER / "remote.isonest").unlink()
 
     def test_another_volume_of_the_same_description(self):
         data = smooth((96, 40, 40))
         V3(self.path, data, (8, 16, 16), codecs=("zstd",))
         with RangeServer(FOLDER, fault_of=lambda number, path, _: "status:400" if "/c/8/" in path else None) as server:
-            done = run("preprocess", server.url("v.zarr"), "-o", "far.isonest", "--chunk", "8", "--resume")
+            done = run("preprocess", server.url("v.zarr"), "-o", "remote.isonest", "--chunk", "8", "--resume")
             self.assertEqual(done.returncode, 6, done.stderr)
             description = self.path / "zarr.json"
             stamp = description.stat().st_mtime_ns
@@ -477,7 +477,7 @@ class Resume(Case):
             V3(self.path, data + 1, (8, 16, 16), codecs=("zstd",))
             os.utime(description, ns=(stamp, stamp))
             server.fault_of = lambda *_: None
-            again = run("preprocess", server.url("v.zarr"), "-o", "far.isonest", "--chunk", "8", "--resume")
+            again = run("preprocess", server.url("v.zarr"), "-o", "remote.isonest", "--chunk", "8", "--resume")
             self.assertEqual(again.returncode, 2, again.stderr)
             self.assertIn("the input has changed", again.stderr)
 
@@ -487,7 +487,7 @@ class Speed(Case):
         V3(self.path, smooth((64, 64, 64), "u2"), (8, 16, 16), codecs=("zstd",))
         with RangeServer(FOLDER, delay=0.05) as server:
             start = time.monotonic()
-            done = preprocess(server.url("v.zarr"), "far.isonest", "--chunk", "32")
+            done = preprocess(server.url("v.zarr"), "remote.isonest", "--chunk", "32")
             seconds = time.monotonic() - start
             self.assertEqual(done.returncode, 0, done.stderr)
             # Sequentially they would wait for 0.05 s each.

@@ -56,15 +56,15 @@ TEST_CASE("a store is opened by its footer alone, and a remote one with one read
     REQUIRE(local.catalogue() != nullptr);
     CHECK(local.version().text() == "2.10");
     const auto remote_bytes = std::make_shared<const RemoteBytes>(bytes);
-    const StoreReader far(remote_bytes);
-    CHECK(far.is_remote());
+    const StoreReader remote(remote_bytes);
+    CHECK(remote.is_remote());
     const auto opening = remote_bytes->reads();
     REQUIRE(opening.size() == 1);
     CHECK(opening[0].offset + opening[0].size == bytes.size());
     CHECK(opening[0].size == std::min<std::uint64_t>(kRemoteTail, bytes.size()));
-    CHECK(far.identity() == local.identity());
+    CHECK(remote.identity() == local.identity());
     for (const double error : {0.0, 0.1}) {
-        CHECK(surface(far, folder, error) == surface(local, folder, error));
+        CHECK(surface(remote, folder, error) == surface(local, folder, error));
     }
 
     // By HDF5, as if an HDF5 program had cut the footer off.
@@ -83,11 +83,11 @@ TEST_CASE("a store is opened by its footer alone, and a remote one with one read
         CHECK(same_bits(a, b));
     }
     const auto older = std::make_shared<const RemoteBytes>(bytes.substr(0, footer.hdf5_end));
-    const StoreReader far_by_hdf5(older);
-    CHECK(far_by_hdf5.catalogue() == nullptr);
-    CHECK(surface(far_by_hdf5, folder) == surface(local, folder));
-    CHECK(check(far_by_hdf5, {}, silent_progress()).failures == 0);
-    CHECK(check(far, {}, silent_progress()).failures == 0);
+    const StoreReader remote_by_hdf5(older);
+    CHECK(remote_by_hdf5.catalogue() == nullptr);
+    CHECK(surface(remote_by_hdf5, folder) == surface(local, folder));
+    CHECK(check(remote_by_hdf5, {}, silent_progress()).failures == 0);
+    CHECK(check(remote, {}, silent_progress()).failures == 0);
 }
 
 TEST_CASE("pages of the chunk table are the same for many threads, local and remote") {
@@ -98,10 +98,10 @@ TEST_CASE("pages of the chunk table are the same for many threads, local and rem
     const std::vector<ChunkRow> rows = all_rows(bytes, place);
     REQUIRE(rows.size() > 2 * kRowsOfPage);
     REQUIRE(rows.size() % kRowsOfPage != 0);
-    const RemoteBytes far(bytes);
-    const FoundCatalogue found = found_in(far);
+    const RemoteBytes remote(bytes);
+    const FoundCatalogue found = found_in(remote);
     const ChunkTable near_table(local.bytes(), *local.catalogue());
-    const ChunkTable remote_table(far, found);
+    const ChunkTable remote_table(remote, found);
     std::atomic<int> wrong = 0;
     std::vector<std::thread> threads;
     for (std::size_t t = 0; t < 8; ++t) {
@@ -132,8 +132,8 @@ TEST_CASE("a damaged page is detected when one of its rows is used, and not befo
         bytes[place.offset + row * sizeof(ChunkRow) + 20] ^= 0x40;
         write_file(folder / "d", bytes);
         const StoreReader local(folder / "d");
-        const StoreReader far(std::make_shared<const RemoteBytes>(bytes));
-        for (const StoreReader* store : {&local, &far}) {
+        const StoreReader remote(std::make_shared<const RemoteBytes>(bytes));
+        for (const StoreReader* store : {&local, &remote}) {
             for (const ArrayInfo& array : store->layout().arrays()) {
                 for (std::int64_t i = 0; i < array.grid.product(); ++i) {
                     const Int3 chunk = array.grid.unlinear(i);
@@ -167,15 +167,15 @@ TEST_CASE("the pages kept of a remote table stay within the limit for any access
     FoundCatalogue found;
     found.tail_begin = table.size();
     found.catalogue.table = {0, rows.size(), kMaxRowsOfPage, 0, std::as_bytes(std::span(sums))};
-    const ChunkTable far(bytes, found);
+    const ChunkTable remote(bytes, found);
     for (const std::size_t step : {std::size_t{1}, kMaxRowsOfPage}) {
         for (std::size_t i = 0; i < 40; ++i) {
             const std::size_t at = i * step % rows.size();
-            REQUIRE(far.row(at).offset == at);
+            REQUIRE(remote.row(at).offset == at);
         }
     }
     CHECK(bytes.reads().size() > kPages);  // replaced pages were read again
-    CHECK(failure([&] { static_cast<void>(far.row(rows.size() - 1)); }) == std::nullopt);
+    CHECK(failure([&] { static_cast<void>(remote.row(rows.size() - 1)); }) == std::nullopt);
 }
 
 TEST_CASE("chunks of a remote store are prefetched together, after the pages that locate them") {
@@ -271,12 +271,12 @@ TEST_CASE("every flipped bit after the end of HDF5's part is detected, or has no
         });
         CHECK((!kind || kind == ErrorKind::corrupt));
         (kind ? refused : harmless) += 1;
-        const auto far = failure([&] {
+        const auto remote = failure([&] {
             const StoreReader store(std::make_shared<const RemoteBytes>(bytes));
             extract(store, folder / "m.ply", options, silent_progress());
             CHECK(read_file(folder / "m.ply") == expected);
         });
-        CHECK((!far || far == ErrorKind::corrupt || far == ErrorKind::unsupported));
+        CHECK((!remote || remote == ErrorKind::corrupt || remote == ErrorKind::unsupported));
     }
     CHECK(refused > 500);  // the catalogue
     CHECK(harmless >
@@ -293,8 +293,8 @@ TEST_CASE("every flipped bit after the end of HDF5's part is detected, or has no
 TEST_CASE("unknown or longer records are ignored") {
     const TemporaryFolder folder;
     const std::string bytes = store_of_pages(folder);
-    const RemoteBytes far(bytes);
-    const FoundCatalogue found = found_in(far);
+    const RemoteBytes remote(bytes);
+    const FoundCatalogue found = found_in(remote);
     const std::span<const std::byte> old = found.bytes.bytes();
     const auto later = [&](std::uint32_t tag, std::uint64_t size) {
         const std::array<std::uint32_t, 2> head{tag, 7};

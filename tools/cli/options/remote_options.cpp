@@ -29,10 +29,11 @@ CacheChoice parse_cache(std::string_view option, std::string_view text) {
         }
     }
     if (folder.empty() || choice.bytes == 0) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} '{}': give FOLDER or FOLDER:SIZE, like cache:2G, and a size "
-                                "above 0",
-                                option, text));
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format(
+                "{} '{}': give FOLDER or FOLDER:SIZE, such as cache:2G, with a size above 0",
+                option, text));
     }
     choice.folder = folder;
     return choice;
@@ -142,9 +143,9 @@ void add_remote_options(CLI::App* command, RemoteArguments& a) {
 }
 
 void require_remote(const RemoteArguments& a, const std::vector<std::string>& inputs) {
-    const bool far = std::any_of(inputs.begin(), inputs.end(),
+    const bool any_remote = std::any_of(inputs.begin(), inputs.end(),
                                  [](const std::string& input) { return is_url(input); });
-    if (!far && (!a.headers.empty() || !a.cache.empty())) {
+    if (!any_remote && (!a.headers.empty() || !a.cache.empty())) {
         throw Error(
             ErrorKind::invalid_argument,
             fmt::format("{} needs an input at a URL", a.headers.empty() ? "--cache" : "--header"));
@@ -193,7 +194,7 @@ Store open_required_store(const std::string& location, RemoteArguments& a, std::
 void reach_volume(const std::vector<std::string>& input, RemoteArguments& a, std::uint64_t& memory,
                   SourceOptions& options, Progress& progress, const std::string& first) {
     const auto remote = std::find_if(input.begin(), input.end(),
-                                  [](const std::string& name) { return is_url(name); });
+                                     [](const std::string& name) { return is_url(name); });
     if (remote != input.end()) {
         options.remote = access_to(*remote, a, memory, progress, first);
     }
