@@ -99,11 +99,11 @@ void require_few_round_trips(const StoreReader& store, const Case& c) {
     const TraversalQuery query = query_of(store, asked, true).traversal;
     const Outcome local = outcome_of(store, query, c.isovalues, {});
     const RemoteSource source(store);
-    const Outcome far = outcome_of(source, query, c.isovalues, {});
-    require_same_meshes(local, far);
+    const Outcome remote = outcome_of(source, query, c.isovalues, {});
+    require_same_meshes(local, remote);
     // A chunk may be prefetched and read before it is known that it is not needed.
-    CHECK(far.chunks_read <= local.chunks_read + local.chunks_read / 16);
-    CHECK(far.bytes_read <= local.bytes_read + local.bytes_read / 16);
+    CHECK(remote.chunks_read <= local.chunks_read + local.chunks_read / 16);
+    CHECK(remote.bytes_read <= local.bytes_read + local.bytes_read / 16);
     const RemoteCounts counts = source.counts();
     INFO("prefetched " << counts.fetched_bytes << " of " << counts.decoded_bytes << ", "
                        << counts.not_prefetched << " not_prefetched");
@@ -114,7 +114,7 @@ void require_few_round_trips(const StoreReader& store, const Case& c) {
                                      : static_cast<std::uint64_t>(c.per_level * levels + 3)));
     CHECK(static_cast<double>(counts.fetched_bytes) <=
           c.waste * static_cast<double>(counts.decoded_bytes));
-    if (std::getenv("ISONEST_FAR_FIGURES") != nullptr) {
+    if (std::getenv("ISONEST_REMOTE_FIGURES") != nullptr) {
         std::printf(
             "%-28s levels %2d rt %3d ann %3d unann %3d chunks %5d/%5d bytes %8d/%8d %.2f\n", c.name,
             levels, static_cast<int>(counts.round_trips), static_cast<int>(counts.prefetches),
@@ -138,10 +138,10 @@ void require_same_with_little(const StoreReader& store, const Case& c) {
             const RemoteSource source(store);
             const Room room{static_cast<std::uint64_t>(threads) * each + 4 * chunk, waiting,
                             threads};
-            const Outcome far = outcome_of(source, query, c.isovalues, room);
-            require_same_meshes(local, far);
+            const Outcome remote = outcome_of(source, query, c.isovalues, room);
+            require_same_meshes(local, remote);
             // A chunk that is decoded for its sides is needed in addition.
-            CHECK(far.peak <= room.cache + static_cast<std::uint64_t>(threads) * chunk);
+            CHECK(remote.peak <= room.cache + static_cast<std::uint64_t>(threads) * chunk);
         }
     }
 }
@@ -267,7 +267,7 @@ TEST_CASE("a coarse surface of a remote store requests no row of the finest leve
     const RemoteSource source(store);
     Extraction asked;
     asked.error = 3;
-    const Outcome far = outcome_of(source, query_of(store, asked, true).traversal, {40}, {});
-    CHECK(!far.meshes.front().triangles.empty());
+    const Outcome remote = outcome_of(source, query_of(store, asked, true).traversal, {40}, {});
+    CHECK(!remote.meshes.front().triangles.empty());
     CHECK(!source.rows_of_level().contains(0));
 }
