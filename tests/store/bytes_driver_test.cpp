@@ -244,12 +244,12 @@ TEST_CASE("HDF5 reads the same over bytes as from a file, for stores of every ve
         const std::string expected = contents_or_nothing([&] { return open_hdf5(entry.path()); });
         read += expected.empty() ? 0 : 1;
         const auto file = std::make_shared<FileBytes>(entry.path());
-        const auto far = std::make_shared<CountedBytes>(entry.path(), true);
+        const auto remote = std::make_shared<CountedBytes>(entry.path(), true);
         CHECK(contents_or_nothing([&] { return open_hdf5(file); }) == expected);
-        CHECK(contents_or_nothing([&] { return open_hdf5(far); }) == expected);
-        CHECK(far->bytes() <= far->size());
+        CHECK(contents_or_nothing([&] { return open_hdf5(remote); }) == expected);
+        CHECK(remote->bytes() <= remote->size());
         CHECK(file.use_count() == 1);
-        CHECK(far.use_count() == 1);
+        CHECK(remote.use_count() == 1);
     }
     CHECK(stores > 20);
     CHECK(read > 15);
@@ -263,11 +263,11 @@ TEST_CASE("a store of many chunks reads the same over bytes") {
     const std::string expected = contents_or_nothing([&] { return open_hdf5(path); });
     REQUIRE(expected.size() > 8 * kDriverBlock);
     const auto near = std::make_shared<CountedBytes>(path, false);
-    const auto far = std::make_shared<CountedBytes>(path, true);
+    const auto remote = std::make_shared<CountedBytes>(path, true);
     CHECK((read_over(std::make_shared<FileBytes>(path)) == expected));
     CHECK((read_over(near) == expected));
-    CHECK((read_over(far) == expected));
-    CHECK(far->reads() < near->reads() / 2);
+    CHECK((read_over(remote) == expected));
+    CHECK(remote->reads() < near->reads() / 2);
 }
 
 TEST_CASE("opening an older store takes few reads of remote bytes") {
@@ -275,16 +275,16 @@ TEST_CASE("opening an older store takes few reads of remote bytes") {
     const auto path = folder / "a.isonest";
     make_noisy_store(path);
     const QuietHdf5 quiet;
-    const auto far = std::make_shared<CountedBytes>(path, true);
-    const FileHandle file = open_hdf5(far);
+    const auto remote = std::make_shared<CountedBytes>(path, true);
+    const FileHandle file = open_hdf5(remote);
     reading(file.get(), [&] {
-        CHECK(read_root_attributes(file.get(), far->name()).header.nodes == Int3{65, 66, 67});
+        CHECK(read_root_attributes(file.get(), remote->name()).header.nodes == Int3{65, 66, 67});
         const DatasetHandle table(checked(H5Dopen2(file.get(), "chunks", H5P_DEFAULT)));
         CHECK(read_integers(table.get(), "xxh64", 1));
         CHECK(H5Dget_offset(table.get()) != HADDR_UNDEF);
     });
-    CHECK(far->reads() <= 4);
-    CHECK(far->bytes() <= far->size() / 4);
+    CHECK(remote->reads() <= 4);
+    CHECK(remote->bytes() <= remote->size() / 4);
 }
 
 TEST_CASE("an exception thrown by any read ends in that error") {
@@ -371,16 +371,16 @@ TEST_CASE("much metadata takes few reads of remote bytes, and little memory") {
     }
     const std::string expected = contents_or_nothing([&] { return open_hdf5(path); });
     const auto near = std::make_shared<CountedBytes>(path, false);
-    const auto far = std::make_shared<CountedBytes>(path, true);
+    const auto remote = std::make_shared<CountedBytes>(path, true);
     CHECK((read_over(near) == expected));
-    CHECK((read_over(far) == expected));
-    const std::size_t blocks = far->size() / kDriverBlock + 1;
-    CAPTURE(far->size(), near->reads(), far->reads(), far->bytes(), blocks);
+    CHECK((read_over(remote) == expected));
+    const std::size_t blocks = remote->size() / kDriverBlock + 1;
+    CAPTURE(remote->size(), near->reads(), remote->reads(), remote->bytes(), blocks);
     CHECK(near->reads() > kMany);
     CHECK(blocks > 10);
-    CHECK(far->reads() <= 2 * blocks / 3);
-    CHECK(far->bytes() <= 2 * far->size());
-    CHECK(far->most() <= kDriverHolds / 4);
+    CHECK(remote->reads() <= 2 * blocks / 3);
+    CHECK(remote->bytes() <= 2 * remote->size());
+    CHECK(remote->most() <= kDriverHolds / 4);
 }
 
 TEST_CASE("files over bytes are read-only, and do not open other files") {
