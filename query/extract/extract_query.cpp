@@ -251,16 +251,14 @@ struct DistanceOfStop {
     void operator()(const DistanceBound& stop) const {
         const double distance = world_distance(header, stop);
         if (effort != Effort::none) {
-            asked.stages.distance = {distance, std::nullopt, effort};
+            asked.stages.distance = distance_choice(header, stop, effort);
         } else if (distance > 0) {
             asked.nested_distance = distance;
             asked.traversal.vertices = VertexPlace::exact;
         }
     }
     void operator()(const TriangleBudgetByDistance& stop) const {
-        const double most = diagonal_of(header);
-        const double within = stop.within ? world_distance(header, *stop.within) : most;
-        asked.stages.distance = {within, stop.most, effort, within >= most};
+        asked.stages.distance = distance_choice(header, stop, effort);
     }
     template <class Other>
     void operator()(const Other& /*stop*/) const {}
@@ -349,6 +347,16 @@ double world_distance(const StoreHeader& header, const DistanceBound& asked) {
         }
     }
     return asked.voxels && std::isfinite(voxel) ? asked.value * voxel : asked.value;
+}
+
+DistanceChoice distance_choice(const StoreHeader& header, const DistanceStop& stop, Effort effort) {
+    if (const auto* const bound = std::get_if<DistanceBound>(&stop)) {
+        return {world_distance(header, *bound), std::nullopt, effort};
+    }
+    const auto& budget = std::get<TriangleBudgetByDistance>(stop);
+    const double most = diagonal_of(header);
+    const double within = budget.within ? world_distance(header, *budget.within) : most;
+    return {within, budget.most, effort, within >= most};
 }
 
 double distance_left(const std::string& name, double distance, double moved) {

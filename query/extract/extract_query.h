@@ -123,6 +123,9 @@ MemoryShare memory_of(const ExtractOptions& options, const std::string& name);
 /// In world units; voxels are the smallest distances between neighbouring nodes.
 double world_distance(const StoreHeader& header, const DistanceBound& asked);
 
+/// The distance of a stop. Without one, a number of triangles is within any distance.
+DistanceChoice distance_choice(const StoreHeader& header, const DistanceStop& stop, Effort effort);
+
 /// The rest of a distance, world units, if float32 moves vertices by up to `moved`. `name`: of the
 /// store. Throws Error{limit} if nothing is left.
 double distance_left(const std::string& name, double distance, double moved);

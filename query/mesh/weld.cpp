@@ -239,6 +239,15 @@ void hand_over(MeshSink& sink, const ElementBatch& all) {
     }
 }
 
+/// For each vertex of a part its number, and whether the part owns it.
+struct PartNumbers {
+    PartNumbers(const VertexNumbers& weld, const PartRecord& record) {
+        weld.numbers(record, number, owned);
+    }
+    std::vector<std::uint64_t> number;
+    std::vector<bool> owned;
+};
+
 /// Outputs batches from all threads. Calls done(record) after each part.
 template <class Done>
 void emit_at_once(const PartStore& parts, const VertexNumbers& weld, MeshSink& sink,
@@ -250,12 +259,10 @@ void emit_at_once(const PartStore& parts, const VertexNumbers& weld, MeshSink& s
         [&](std::int64_t i) {
             progress.check();
             const PartRecord& r = records[static_cast<std::size_t>(i)];
-            std::vector<std::uint64_t> number;
-            std::vector<bool> owned;
-            weld.numbers(r, number, owned);
+            const PartNumbers numbers(weld, r);
             Made made;
-            hand_over(sink, own_vertices(parts, r, owned, made));
-            hand_over(sink, elements_of(parts, r, number, made));
+            hand_over(sink, own_vertices(parts, r, numbers.owned, made));
+            hand_over(sink, elements_of(parts, r, numbers.number, made));
             done(r);
             progress.advance(r.triangles);
             return Nothing{};
@@ -263,7 +270,7 @@ void emit_at_once(const PartStore& parts, const VertexNumbers& weld, MeshSink& s
         [](std::int64_t /*i*/, const Nothing&) {});
 }
 
-/// Outputs batches one after another; `make`(record, number, owned, made) gives those of a part.
+/// Outputs batches one after another; `make`(record, numbers, made) gives those of a part.
 template <class Batch, class Make>
 void emit_in_order(const PartStore& parts, const VertexNumbers& weld, MeshSink& sink,
                    Progress& progress, const Make& make) {
@@ -277,11 +284,8 @@ void emit_in_order(const PartStore& parts, const VertexNumbers& weld, MeshSink& 
         [&](std::int64_t i) {
             progress.check();
             const PartRecord& r = records[static_cast<std::size_t>(i)];
-            std::vector<std::uint64_t> number;
-            std::vector<bool> owned;
-            weld.numbers(r, number, owned);
             Prepared prepared;  // a vector's data keeps its address when the vector is moved
-            prepared.batch = make(r, number, owned, prepared.made);
+            prepared.batch = make(r, PartNumbers(weld, r), prepared.made);
             return prepared;
         },
         [&](std::int64_t i, const Prepared& prepared) {
@@ -345,13 +349,14 @@ void emit_mesh(const PartStore& parts, const VertexNumbers& weld, MeshLayout lay
         }
         emit_in_order<VertexBatch>(
             parts, weld, sink, progress,
-            [&](const PartRecord& r, const auto&, const std::vector<bool>& owned, Made& made) {
-                return own_vertices(parts, r, owned, made);
+            [&](const PartRecord& r, const PartNumbers& numbers, Made& made) {
+                return own_vertices(parts, r, numbers.owned, made);
             });
         emit_in_order<ElementBatch>(
             parts, weld, sink, progress,
-            [&](const PartRecord& r, const std::vector<std::uint64_t>& number, const auto&,
-                Made& made) { return elements_of(parts, r, number, made); });
+            [&](const PartRecord& r, const PartNumbers& numbers, Made& made) {
+                return elements_of(parts, r, numbers.number, made);
+            });
     } while (sink.again());
     sink.end();
 }

@@ -105,13 +105,14 @@ class Newcomer(unittest.TestCase):
         self.assertIn("write --error 5%", self.extract("--iso", "200", "--error", "5", "%"))
 
     def test_a_relative_error_is_a_fraction(self):
-        for words, meant in ((("--error-relative", "1"), "0.01"), (("--error-relative", "5"), "0.05"),
-                             (("--error", "100%"), "0.01"), (("--error", "2000%"), "0.01")):
+        for words, meant in ((("--error-relative", "1.01"), "0.0101"), (("--error-relative", "5"), "0.05"),
+                             (("--error", "2000%"), "0.01")):
             said = self.extract("--iso", "200", *words)
             self.assertIn(f"{words[0]} '{words[1]}'", said)
-            self.assertRegex(said, r"\b(1|5|20)00 %")
+            self.assertRegex(said, r"\b(101|500|2000) %")
             self.assertIn(f"--error-relative {meant}\n", said)
-        self.report("--error-relative", "0.99")
+        for words in (("--error-relative", "1"), ("--error", "100%")):
+            self.assertEqual(self.report(*words)["tolerance"], 400)
 
     def test_a_blank_before_the_unit(self):
         for words, meant in ((("--distance", "0.5", "mm"), "--distance 0.5mm"), (("--distance", "2", "voxels"), "--distance 2voxels"),

@@ -128,7 +128,7 @@ class Faults(unittest.TestCase):
 
     def test_what_is_no_store(self):
         with RangeServer(FOLDER) as server:
-            self.failed(4, "not a store", "check", server.url("page.html"))
+            self.failed(2, "not a store", "check", server.url("page.html"))
             self.failed(5, "web page", "info", server.url("page.html"))
             self.failed(5, "web page", "extract", server.url("page.html"), *EXTRACT)
 

@@ -26,27 +26,78 @@
 namespace isonest::detail {
 namespace {
 
-/// The common unit of the chosen axes; axes with one position need none.
+/// For x, y and z, the number of the coordinate; none where the volume is flat.
+using WorldRows = std::array<std::optional<std::size_t>, 3>;
+
+/// Coordinates called x, y and z are the world's; others are in the order of the axes.
+WorldRows rows_of(const ZarrImage& image, const ChosenAxes& chosen) {
+    WorldRows named;
+    bool has_names = chosen.no_space == std::array<bool, 3>{};
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (chosen.axis.at(a)) {
+            const auto it =
+                std::find(image.world.begin(), image.world.end(), std::string(1, "xyz"[a]));
+            named.at(a) = static_cast<std::size_t>(it - image.world.begin());
+            has_names = has_names && it != image.world.end();
+        }
+    }
+    return has_names ? named : chosen.axis;
+}
+
+/// The common unit of the volume's coordinates; axes with one position need none.
 CommonUnit unit_of(const ZarrImage& image, const ChosenAxes& chosen) {
+    const WorldRows rows = rows_of(image, chosen);
     AxisUnits units;
     for (std::size_t a = 0; a < 3; ++a) {
         const auto axis = chosen.axis.at(a);
-        if (axis && (image.axes[*axis].length > 1 || !image.units[*axis].empty())) {
-            units.at(a) = image.units[*axis];
+        if (axis && (image.axes[*axis].length > 1 || !image.units[*rows.at(a)].empty())) {
+            units.at(a) = image.units[*rows.at(a)];
         }
     }
     return common_unit(units);
 }
 
-/// The place by the scale and translation of the chosen axes.
+/// Throws Error{unsupported} if a step along an axis of the volume changes a coordinate that is not
+/// one of the volume's, such as the time.
+void require_in_volume(const ZarrImage& image, const ChosenAxes& chosen, const WorldRows& rows,
+                       const std::string& name) {
+    for (std::size_t row = 0; row < image.map.axes(); ++row) {
+        if (std::find(rows.begin(), rows.end(), row) != rows.end()) {
+            continue;
+        }
+        for (const std::optional<std::size_t>& axis : chosen.axis) {
+            if (axis && image.axes[*axis].length > 1 && image.map.at(row, *axis) != 0) {
+                throw Error(ErrorKind::unsupported, {name, "coordinateTransformations"},
+                            fmt::format("a step along axis {} changes coordinate {}, which is not "
+                                        "one of the volume's",
+                                        *axis, row),
+                            {{RemedyKind::place_in_world, "spacing"}});
+            }
+        }
+    }
+}
+
+/// The place of the chosen axes in the world.
 Placement place_of(const ZarrImage& image, const ChosenAxes& chosen, const CommonUnit& unit,
                    const std::string& name) {
+    const WorldRows rows = rows_of(image, chosen);
+    require_in_volume(image, chosen, rows, name);
     std::array<Double3, 3> steps{};
     Double3 first{0, 0, 0};
-    for (std::size_t a = 0; a < 3; ++a) {
-        if (const auto axis = chosen.axis.at(a)) {
-            steps.at(a).at(a) = unit.converted(a, image.scale[*axis]);
-            first.at(a) = unit.converted(a, image.translation[*axis]);
+    for (std::size_t w = 0; w < 3; ++w) {
+        if (!rows.at(w)) {
+            continue;
+        }
+        const std::size_t row = *rows.at(w);
+        double at_first = image.map.at(row, image.map.axes());
+        for (std::size_t axis = 0; axis < image.map.axes(); ++axis) {
+            at_first += image.map.at(row, axis) * static_cast<double>(chosen.at[axis]);
+        }
+        first.at(w) = unit.converted(w, at_first);
+        for (std::size_t a = 0; a < 3; ++a) {
+            if (const auto axis = chosen.axis.at(a)) {
+                steps.at(a).at(w) = unit.converted(w, image.map.at(row, *axis));
+            }
         }
     }
     return place_in_world(chosen.nodes, steps, first, name);
@@ -192,8 +243,9 @@ CoordinatePlace place_beside(const std::shared_ptr<ZarrFiles>& files, const Chos
     CoordinatePlace by = place_by_coordinates(said, chosen.nodes, options, name);
     for (std::size_t a = 0; a < 3; ++a) {
         if (chosen.axis.at(a)) {
-            image.scale[*chosen.axis.at(a)] = by.step.at(a);
-            image.translation[*chosen.axis.at(a)] = by.first.at(a);
+            const std::size_t axis = *chosen.axis.at(a);
+            image.map.at(axis, axis) = by.step.at(a);
+            image.map.at(axis, image.map.axes()) = by.first.at(a);
         }
     }
     return by;
@@ -252,7 +304,8 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
     std::array<bool, 3> said{};
     if (image.ome) {
         unit = unit_of(image, chosen);
-        notes = unit.notes;
+        notes = image.notes;
+        notes.insert(notes.end(), unit.notes.begin(), unit.notes.end());
         said.fill(image.says_scale);
     } else {
         const CoordinatePlace by = place_beside(files, chosen, options, image, name);

@@ -121,68 +121,45 @@ struct OmePlace {
     std::shared_ptr<const json> labels;  ///< "image-label"; null if there is none
 };
 
-/// Applies OME's transformations in their order.
-void transform(const json& list, ZarrImage& image, const std::string& name) {
-    for (const json& one : list.is_array() ? list : json::array()) {
-        const bool scales = member(one, "type") == "scale";
-        const json& numbers = member(one, scales ? "scale" : "translation");
-        if (member(one, "type") == "identity") {
-            continue;
-        }
-        if ((!scales && member(one, "type") != "translation") || !numbers.is_array() ||
-            numbers.size() != image.axes.size() ||
-            !std::all_of(numbers.begin(), numbers.end(),
-                         [](const json& n) { return n.is_number(); })) {
-            throw Error(ErrorKind::unsupported, {name, "coordinateTransformations"},
-                        fmt::format("{:.120} is not supported; a scale or a translation with a "
-                                    "number for each of the {} axes is",
-                                    one.dump(), image.axes.size()),
-                        {{RemedyKind::place_in_world, "spacing"}});
-        }
-        image.says_scale = image.says_scale || scales;
-        for (std::size_t i = 0; i < numbers.size(); ++i) {
-            const auto number = numbers[i].get<double>();
-            image.scale[i] *= scales ? number : 1;
-            image.translation[i] =
-                scales ? image.translation[i] * number : image.translation[i] + number;
-        }
-    }
-}
-
 ZarrImage image_of(ZarrFiles& files, const fs::path& folder, const std::optional<OmePlace>& ome) {
     ZarrImage image;
     files.read_anew(folder);
     image.array = read_zarr_array(files, folder);
     image.files.push_back(image.array.description);
     const std::size_t count = image.array.shape.size();
-    const json& axes = ome ? member(*ome->image, "axes") : json();
-    const bool described = axes.is_array() && axes.size() == count;
-    image.units.assign(count, "");
+    image.map = AxisMap(count);
+    OmeCoordinates coordinates;
+    if (ome) {
+        coordinates = ome_coordinates(*ome->image, ome->dataset, count, folder.string());
+        image.labels = labels_of_ome(*ome->labels);
+        image.map = coordinates.map;
+        image.says_scale = coordinates.says_scale;
+        image.notes = coordinates.notes;
+    }
+    image.ome = ome.has_value();
     for (std::size_t i = 0; i < count; ++i) {
         ArrayAxis axis;
         axis.length = static_cast<std::int64_t>(image.array.shape[i]);
         if (!image.array.names.empty()) {
             axis.name = image.array.names[i];
         }
-        if (described) {
-            const json& name = axes[i].is_string() ? axes[i] : member(axes[i], "name");
-            const json& type = member(axes[i], "type");
-            const json& unit = member(axes[i], "unit");
-            axis.name = name.is_string() ? name.get<std::string>() : "";
-            image.units[i] = unit.is_string() ? unit.get<std::string>() : "";
-            axis.of_volume = type.is_string()
-                                 ? type == "space"
-                                 : axis.name == "x" || axis.name == "y" || axis.name == "z";
+        if (!coordinates.array.empty()) {
+            const OmeAxis& said = coordinates.array[i];
+            axis.name = said.name;
+            axis.of_volume = said.type.empty()
+                                 ? axis.name == "x" || axis.name == "y" || axis.name == "z"
+                                 : said.type == "space";
         }
         image.axes.push_back(axis);
     }
-    image.scale.assign(count, 1);
-    image.translation.assign(count, 0);
-    image.ome = ome.has_value();
-    if (ome) {
-        transform(member(ome->dataset, "coordinateTransformations"), image, folder.string());
-        transform(member(*ome->image, "coordinateTransformations"), image, folder.string());
-        image.labels = labels_of_ome(*ome->labels);
+    image.units.assign(count, "");
+    const std::vector<OmeAxis>& world =
+        coordinates.world.empty() ? coordinates.array : coordinates.world;
+    for (std::size_t i = 0; i < world.size(); ++i) {
+        image.units[i] = world[i].unit;
+    }
+    for (const OmeAxis& axis : coordinates.world) {
+        image.world.push_back(axis.name);
     }
     return image;
 }

@@ -10,6 +10,7 @@
 
 #include "preprocess/sources/placement/axis_choice.h"
 #include "preprocess/sources/wrapping/label_names.h"
+#include "preprocess/sources/zarr/ome_transformations.h"
 #include "preprocess/sources/zarr/zarr_array.h"
 
 namespace isonest::detail {
@@ -23,19 +24,20 @@ FoundLabels labels_of_ome(const nlohmann::json& image_label);
 
 struct ZarrImage {
     ZarrArray array;
-    std::vector<ArrayAxis> axes;      ///< of the array
-    std::vector<double> scale;        ///< per axis: world units from one position to the next
-    std::vector<double> translation;  ///< per axis: place of position 0
-    std::vector<std::string> units;   ///< per axis: units of these two; empty if not given
-    bool ome = false;                 ///< OME's description determines the place
-    bool says_scale = false;          ///< and it gives a scale
-    FoundLabels labels = {};          ///< what OME says about its labels
+    std::vector<ArrayAxis> axes;     ///< of the array
+    AxisMap map;                     ///< from positions to coordinates
+    std::vector<std::string> units;  ///< per coordinate; empty if not given
+    std::vector<std::string> world;  ///< names of the coordinates, unless they are those of `axes`
+    bool ome = false;                ///< OME's description determines the place
+    bool says_scale = false;         ///< and it gives a scale
+    FoundLabels labels = {};         ///< what OME says about its labels
+    std::vector<std::string> notes = {};
     std::vector<std::filesystem::path> files;  ///< the descriptions that were read
 };
 
 /// `root`: an array, an OME image (its finest level, unless `dataset` is the path of another one),
 /// or a group: of its arrays and images the only one with the most axes longer than 1. Source:
-/// https://ngff.openmicroscopy.org (0.4, 0.5).
+/// https://ngff.openmicroscopy.org (0.4, 0.5, and of 0.6 the coordinate systems of RFC-5).
 /// Throws Error{not_found, invalid_argument}, listing what there is, and what read_zarr_array()
 /// throws. If folders cannot be listed, the members of a group are those that its OME metadata
 /// name; for a group without OME metadata, Error{invalid_argument} asks which member is meant.

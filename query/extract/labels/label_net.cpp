@@ -136,11 +136,15 @@ LabelNet::LabelNet(const StoreReader& store, std::span<const Label> labels, cons
     net_.emplace(scratch_, ceil_div(setting.cells(), kPieceCells), sides);
     counts_ = make_net(store, setting, plan, labels, *net_, progress);
     if (is_simplified_ || use.details) {
+        std::optional<DistanceChoice> distance;
+        if (is_simplified_) {
+            distance = distance_choice(header, *query.stop, query.effort.value_or(Effort::best));
+        }
         sheets_.emplace(
             *net_,
-            SheetSetting{header, is_simplified_ ? query.stop : std::nullopt,
-                         query.smooth->keep_nodes, memory, options.team, wanted_, outside_,
-                         rounding_ * header.steps().diagonal(), store.path().string(), use.details},
+            SheetSetting{header, distance, query.smooth->keep_nodes, memory, options.team, wanted_,
+                         outside_, rounding_ * header.steps().diagonal(), store.path().string(),
+                         use.details},
             scratch_, progress);
     }
     static_assert(SheetOutput::kHeap <= kNetMeshHeap);

@@ -18,23 +18,6 @@
 namespace isonest::detail {
 namespace {
 
-/// The request, in world units.
-struct AskedSheets {
-    double within = 0;
-    std::optional<std::uint64_t> triangles;
-    bool at_any_distance = false;
-};
-
-AskedSheets asked_of(const DistanceStop& stop, const StoreHeader& header) {
-    if (const auto* const bound = std::get_if<DistanceBound>(&stop)) {
-        return {world_distance(header, *bound), std::nullopt, false};
-    }
-    const auto& budget = std::get<TriangleBudgetByDistance>(stop);
-    const double most = diagonal_of(header);
-    const double within = budget.within ? world_distance(header, *budget.within) : most;
-    return {within, budget.most, within >= most};
-}
-
 /// The faces that contain vertices at the volume's border, half a node spacing outside.
 PatchBox border_of(const StoreHeader& header, double rounding) {
     const Int3& n = header.nodes;
@@ -105,8 +88,8 @@ void LabelSheets::simplify(BlockMapping& mapping, const ScratchFolder& folder, P
                       folder, progress);
     mapper.map_by(mapping);
     mapper.take_sheets(sheets_.next_copies(), margin());
-    Mapped result = setting_.stop ? finest(mapper) : mapper.full(sheets_.triangles());
-    if (setting_.stop) {
+    Mapped result = setting_.distance ? finest(mapper) : mapper.full(sheets_.triangles());
+    if (setting_.distance) {
         levels_[0]->corners.emplace(mapper.corners(result));
     }
     if (setting_.details) {
@@ -117,7 +100,7 @@ void LabelSheets::simplify(BlockMapping& mapping, const ScratchFolder& folder, P
 
 /// Level 0, if it is simplified.
 Mapped LabelSheets::finest(const MeshMapper& mapper) {
-    const AskedSheets asked = asked_of(*setting_.stop, setting_.header);
+    const DistanceChoice& asked = *setting_.distance;
     const double rounding = rounding_of(0);
     const double limit = distance_left(setting_.name, asked.within, rounding);
     const auto consume = [this](std::uint64_t first, std::uint64_t count) {
@@ -134,7 +117,7 @@ Mapped LabelSheets::finest(const MeshMapper& mapper) {
     if (asked.triangles) {
         within_budget_ = result.triangles <= *asked.triangles;
         distance.asked = result.limit + (result.limit > 0 ? rounding : 0);
-        if (!*within_budget_ && asked.at_any_distance) {
+        if (!*within_budget_ && asked.is_any) {
             throw Error(
                 ErrorKind::limit, {setting_.name},
                 fmt::format("the fewest triangles found for the interfaces at any distance are {}: "

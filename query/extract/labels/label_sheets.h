@@ -10,6 +10,7 @@
 
 #include <isonest/extract.h>
 
+#include "query/extract/extract_query.h"
 #include "query/ranks/cube_shares.h"
 #include "query/simplify/collapse/map_mesh.h"
 #include "query/simplify/collapse/sheet_mesh.h"
@@ -36,8 +37,9 @@ inline bool is_worth_a_level(std::uint64_t before, std::uint64_t triangles) {
 
 struct SheetSetting {
     const StoreHeader& header;
-    std::optional<DistanceStop> stop = {};  ///< for the finest level; nothing: it is the whole net
-    bool keeps_nodes = false;               ///< see LabelSmoothing::keep_nodes
+    /// For the finest level; nothing: it is the whole net. Successive mappings for every effort.
+    std::optional<DistanceChoice> distance = {};
+    bool keeps_nodes = false;  ///< see LabelSmoothing::keep_nodes
     MemoryShare memory;
     RankTeam* team = nullptr;                   ///< shares the blocks, or null
     std::span<const std::int64_t> wanted = {};  ///< labels of the net, ascending

@@ -48,7 +48,7 @@ enum class Effort : std::uint8_t {
 /// by the box or by the volume's border, and those of more than 32 cells along an edge, are always
 /// refined.
 struct DistanceBound {
-    double value = 0;     ///< >= 0; 0 = full resolution
+    double value = 0;     ///< >= 0; 0 = full resolution: the same mesh for every Effort
     bool voxels = false;  ///< value is a multiple of the smallest distance between neighbouring
                           ///< nodes along an axis, not in world units
 };

@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <optional>
 #include <string>
 #include <utility>
@@ -211,6 +213,21 @@ CatalogueNames LabelTable::find(std::int64_t file, const std::string& name) {
 
 // Opening a store that has no footer.
 
+namespace {
+
+/// Stores have no user block: the signature is their first 8 bytes (HDF5 File Format
+/// Specification, III.A).
+bool has_signature(const StoreBytes& bytes) {
+    constexpr std::array<unsigned char, 8> kSignature{0x89, 'H', 'D', 'F', '\r', '\n', 0x1a, '\n'};
+    if (bytes.size() < kSignature.size()) {
+        return false;
+    }
+    const HeldBytes first = bytes.read(0, kSignature.size());
+    return std::memcmp(first.bytes().data(), kSignature.data(), kSignature.size()) == 0;
+}
+
+}  // namespace
+
 /// For stores before version 2.9, and stores that another HDF5 program has changed, which removes
 /// the footer.
 void StoreReader::open_by_hdf5() {
@@ -220,8 +237,9 @@ void StoreReader::open_by_hdf5() {
     const QuietHdf5 quiet;
     const FileHandle file = open_hdf5_of(*bytes_);
     if (!file.valid()) {
-        throw Error(ErrorKind::corrupt, {path_.string()}, "not a store: " + hdf5_cannot_open(),
-                    {{RemedyKind::make_store}});
+        const std::string why = hdf5_cannot_open();
+        throw Error(has_signature(*bytes_) ? ErrorKind::corrupt : ErrorKind::invalid_argument,
+                    {path_.string()}, "not a store: " + why, {{RemedyKind::make_store}});
     }
     reading(file.get(), [&] {
         const RootAttributes root = read_root_attributes(file.get(), path_.string());

@@ -128,8 +128,8 @@ Focus& focus_of(ExtractArguments& a) {
     return *a.focus;
 }
 
-/// A number, or a percentage of the range of values, which must be below 100: a larger error would
-/// leave nothing of the surface.
+/// A number, or a percentage of the range of values, at most 100 as in the library: a larger error
+/// would leave nothing of the surface.
 void parse_error(const std::string& option, const std::string& text, bool relative,
                  ErrorBound& error) {
     constexpr double kPercent = 100;
@@ -137,7 +137,7 @@ void parse_error(const std::string& option, const std::string& text, bool relati
     error.value = parse_positive(option, percent ? text.substr(0, text.size() - 1) : text, true);
     error.relative = relative || percent;
     error.value /= percent ? kPercent : 1;
-    if (error.relative && error.value >= 1) {
+    if (error.relative && error.value > 1) {
         const double meant = percent || error.value >= kPercent ? 1 : error.value;
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("{} '{}' means {:g} % of the range of the values, which leaves no "
