@@ -169,7 +169,7 @@ class Slices(DamagedFiles, Input):
         self.refuses(4, "s4.png", "cut short")
         self.stack([*good, b"not a picture"], "png")
         self.refuses(4, "s4.png")
-        self.refuses(2, "'index' does not go with PNG", options=("--index", "z=1"))
+        self.refuses(2, "'index'", options=("--index", "z=1"))
         whole = bmp(data[0])
         colours = np.arange(1024).astype("u1").tobytes()
         for file, code, word in ((bmp(data[0], palette=colours), 5, "palette is not grey"), (bmp(data[0], compression=1), 5, "compression 1"),

@@ -327,9 +327,9 @@ class Tiff(DamagedFiles, Input):
 
     def test_a_spacing_that_nothing_says_is_named(self):
         data = numbers((5, 7, 9), "u2")
-        for options, words in (({}, "spacing: it was"), ({"resolution": (72, 72)}, "spacing: it was"),
+        for options, words in (({}, "the spacing;"), ({"resolution": (72, 72)}, "the spacing;"),
                                ({"imagej": True, "resolution": (2, 4), "metadata": {"axes": "ZYX", "spacing": 2, "unit": "um"}}, None),
-                               ({"metadata": {"axes": "ZYX", "PhysicalSizeX": 1, "PhysicalSizeY": 1}, "ome": True}, "spacing along z: it was")):
+                               ({"metadata": {"axes": "ZYX", "PhysicalSizeX": 1, "PhysicalSizeY": 1}, "ome": True}, "the spacing along z;")):
             with self.subTest(options=options):
                 tifffile.imwrite(self.path, data, photometric="minisblack", **options)
                 done = self.reads(data)
