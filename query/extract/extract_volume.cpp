@@ -127,7 +127,7 @@ struct LayerNeeds {
     std::uint64_t chunks;  ///< held by a thread
     std::uint64_t thread;
     std::uint64_t slab;
-    std::uint64_t all;
+    std::uint64_t fixed;  ///< of the reader
 };
 
 LayerNeeds layer_needs(const SlabReader& reader, const VolumeDescription& volume,
@@ -137,7 +137,7 @@ LayerNeeds layer_needs(const SlabReader& reader, const VolumeDescription& volume
     needs.thread = needs.chunks + table_heap(needs.layout) + list_heap(needs.layout) +
                    2 * kMinMarched * LocalMesh::kBytesPerVertex;
     needs.slab = reader.slab_bytes(chunk) + VolumeChunks::heap(needs.layout);
-    needs.all = kLibraryHeap + reader.own_bytes(chunk);
+    needs.fixed = reader.own_bytes(chunk);
     return needs;
 }
 
@@ -149,13 +149,13 @@ LayerBudget layer_budget(const SlabReader& reader, const VolumeDescription& volu
     budget.plan.layers = kChunks.front();
     for (std::size_t i = 1;
          i < kChunks.size() &&
-         needs.all + 2 * needs.slab + threads * needs.thread > memory.bytes() / 2;
+         kLibraryHeap + needs.fixed + 2 * needs.slab + threads * needs.thread > memory.bytes() / 2;
          ++i) {
         needs = layer_needs(reader, volume, query, kChunks[i]);
         budget.plan.layers = kChunks[i];
     }
-    memory.require(needs.all - kLibraryHeap + needs.slab + needs.thread, "planes of this volume");
-    std::uint64_t left = memory.bytes() - needs.all - needs.slab;
+    memory.require(needs.fixed + needs.slab + needs.thread, "planes of this volume");
+    std::uint64_t left = memory.left() - needs.fixed - needs.slab;
     if (left >= needs.slab + threads * needs.thread) {
         budget.plan.slabs_at_once = 2;
         left -= needs.slab;
@@ -278,7 +278,7 @@ std::optional<std::uint64_t> march_memory(VolumeSource& volume, const SurfaceQue
     }
     const LayerNeeds needs = layer_needs(
         reader, description, extract_query(description, query).traversal, kChunks.back());
-    return needs.all + needs.slab + needs.thread;
+    return kLibraryHeap + needs.fixed + needs.slab + needs.thread;
 }
 
 // A surface directly from a volume:

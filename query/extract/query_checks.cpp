@@ -7,10 +7,13 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
+#include <vector>
 
 #include <isonest/error.h>
 #include <isonest/value_type.h>
 
+#include "query/extract/combinations.h"
 #include "query/extract/stages/contour_lines.h"
 #include "query/mesh/vertex_stars.h"
 #include "query/values/label_view.h"
@@ -130,18 +133,22 @@ double largest_of(const StoreReader& store, Field field) {
     return largest;
 }
 
-Stop stop_of(const StoreReader& store, const ErrorBound& asked) {
-    Field field = Field::deviation_bar;
-    switch (asked.indicator) {
+/// The field of an error.
+Field field_of(ErrorIndicator indicator, Cells cells) {
+    const bool has_cells = cells == Cells::hexahedra;
+    switch (indicator) {
         case ErrorIndicator::deviation:
             break;
         case ErrorIndicator::plus:
-            field = Field::linf_plus;
-            break;
+            return has_cells ? Field::hex_deviation : Field::linf_plus;
         case ErrorIndicator::estimate:
-            field = Field::linf_bar;
-            break;
+            return has_cells ? Field::hex_linf : Field::linf_bar;
     }
+    return has_cells ? Field::hex_deviation : Field::deviation_bar;
+}
+
+Stop stop_of(const StoreReader& store, const ErrorBound& asked) {
+    const Field field = field_of(asked.indicator, Cells::tetrahedra);
     require_field(store, field, "this indicator");
     return {field, error_of(store, asked)};
 }
@@ -292,8 +299,7 @@ Stop stop_of(const StoreReader& store, const SurfaceStop& test) {
 namespace {
 
 Stop cell_stop_of(const StoreReader& store, const ErrorBound& asked) {
-    return {asked.indicator == ErrorIndicator::estimate ? Field::hex_linf : Field::hex_deviation,
-            error_of(store, asked)};
+    return {field_of(asked.indicator, Cells::hexahedra), error_of(store, asked)};
 }
 
 /// The surface at full resolution is what is simplified within a distance.
@@ -356,6 +362,45 @@ void require_simplifiable(const std::optional<Effort>& effort, bool may_change) 
     }
 }
 
+namespace {
+
+/// Adds the field of a stop test to those that are needed. `cells`: at which the nested grid stops.
+struct FieldOfStop {
+    Cells cells;
+    std::vector<Field>& fields;
+
+    void operator()(const ErrorBound& stop) const {
+        fields.push_back(field_of(stop.indicator, cells));
+    }
+    void operator()(const FieldThreshold& stop) const { fields.push_back(stop.field); }
+    void operator()(const TriangleBudgetByError& stop) const {
+        fields.push_back(field_of(stop.indicator, cells));
+    }
+    template <class Distance>
+    void operator()(const Distance& /*stop*/) const {}
+};
+
+/// The fields of stop test and attributes, and those of every store.
+template <class StopTest>
+std::vector<Field> fields_of(const StopTest& stop, Cells cells, const MeshAttributes& attributes) {
+    std::vector<Field> fields = default_indicators();
+    std::visit(FieldOfStop{cells, fields}, stop);
+    if (attributes.error) {
+        fields.push_back(*attributes.error);
+    }
+    return fields;
+}
+
+/// In the order of a store, without duplicates and the values, which every store has.
+std::vector<Field> in_order_of_store(std::vector<Field> fields) {
+    std::sort(fields.begin(), fields.end());
+    fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
+    fields.erase(std::remove(fields.begin(), fields.end(), Field::values), fields.end());
+    return fields;
+}
+
+}  // namespace
+
 void require_components(const ComponentChoice& choice) {
     if (!(choice.min_volume >= 0) || !std::isfinite(choice.min_volume)) {
         throw Error(
@@ -396,3 +441,33 @@ void require_float32(const StoreReader& store, const ExtractQuery& query) {
 }
 
 }  // namespace isonest::detail
+
+namespace isonest {
+
+std::vector<Field> fields_needed(const SurfaceQuery& query) {
+    using namespace detail;
+    // Hexahedra are simplified from full resolution, which needs no field of cells.
+    const bool stops_at_cells =
+        features_of(query).test(static_cast<std::size_t>(Feature::coarse_hexahedra));
+    std::vector<Field> fields = fields_of(
+        query.stop, stops_at_cells ? Cells::hexahedra : Cells::tetrahedra, query.attributes);
+    if (query.grid.bound) {
+        fields.push_back(*query.grid.bound);
+    }
+    if (query.grid.culling) {
+        fields.push_back(query.grid.culling->field.value_or(Field::normal_turn_plus));
+    }
+    return in_order_of_store(std::move(fields));
+}
+
+std::vector<Field> fields_needed(const SliceQuery& query) {
+    using namespace detail;
+    return in_order_of_store(fields_of(query.stop, query.cells, query.attributes));
+}
+
+std::vector<Field> fields_needed(const GraphQuery& query) {
+    using namespace detail;
+    return in_order_of_store(fields_of(query.stop, query.cells, query.attributes));
+}
+
+}  // namespace isonest

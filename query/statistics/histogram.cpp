@@ -243,12 +243,10 @@ Shares share(const StoreReader& store, const ArrayInfo& array, const HistogramOp
                      (array.codec.element_size + sizeof(BinCode));
     // One chunk is decoded directly or held, two more are in the cache.
     const std::uint64_t each = decode_heap(chunk) + 3 * chunk + box;
-    require_memory(store.path().string(), options.memory, kLibraryHeap + each,
-                   "this store's chunks");
-    const std::uint64_t usable = options.memory - kLibraryHeap;
-    const auto threads = std::clamp<std::uint64_t>(
-        usable / each, 1, static_cast<std::uint64_t>(Workers::count_of(options.threads)));
-    return {static_cast<int>(threads), usable - threads * (each - 3 * chunk)};
+    const MemoryShare memory(store.path().string(), options.memory,
+                             Workers::count_of(options.threads));
+    const int threads = memory.threads_of(each, "this store's chunks");
+    return {threads, memory.left() - static_cast<std::uint64_t>(threads) * (each - 3 * chunk)};
 }
 
 class Counting {

@@ -81,19 +81,20 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
         }
     }
     Shares shares;
-    require_memory(store.path().string(), options.memory, kLibraryHeap + nodes + least,
-                   "a study of this volume", {{RemedyKind::smaller_box}});
-    const std::uint64_t usable = options.memory - kLibraryHeap - nodes;
-    const auto threads = std::clamp<std::uint64_t>(
-        usable / each, 1, static_cast<std::uint64_t>(Workers::count_of(options.threads)));
-    shares.threads = static_cast<int>(threads);
-    shares.cache = usable - threads * (each - 2 * largest);
+    const std::string what = "a study of this volume";
+    const MemoryShare memory =
+        MemoryShare(store.path().string(), options.memory, Workers::count_of(options.threads))
+            .without(nodes);
+    require_memory(store.path().string(), options.memory, kLibraryHeap + nodes + least, what,
+                   {{RemedyKind::smaller_box}});
+    shares.threads = memory.threads_of(each, what);
+    shares.cache =
+        memory.left() - static_cast<std::uint64_t>(shares.threads) * (each - 2 * largest);
     if (options.iso) {
         for (const StudyField& field : options.fields) {
-            const TraversalBudget budget = share_memory(
-                store, surface_query(store, *options.iso, std::get<Field>(field), 0), nullptr,
-                MemoryShare(store.path().string(), options.memory, shares.threads).without(nodes),
-                false);
+            const TraversalBudget budget =
+                share_memory(store, surface_query(store, *options.iso, std::get<Field>(field), 0),
+                             nullptr, memory.with_threads(shares.threads), false);
             shares = {budget.threads, std::min(shares.cache, budget.cache), budget.part_vertices};
         }
     }

@@ -385,6 +385,58 @@ TEST_CASE("Queries that need a store are refused, and the message says how to ma
     CHECK_FALSE(march_memory(flat, at(0.25)));
 }
 
+TEST_CASE("A store with the fields that a query needs answers it, and lacks none that it names") {
+    FunctionVolume<float> volume({17, 17, 17}, ball);
+    const TemporaryFolder folder;
+    const auto answers = [&](const SurfaceQuery& query) {
+        PreprocessOptions options;
+        options.fields = fields_needed(query);
+        options.force = true;
+        preprocess(volume, folder / "s", options, silent_progress());
+        MeshCollector mesh;
+        extract(Store(folder / "s"), query, mesh);
+        return !mesh.triangles.empty();
+    };
+    std::vector<SurfaceQuery> queries;
+    for (const ErrorIndicator indicator :
+         {ErrorIndicator::deviation, ErrorIndicator::plus, ErrorIndicator::estimate}) {
+        for (const Cells cells : {Cells::tetrahedra, Cells::hexahedra}) {
+            for (const SurfaceStop& stop : {SurfaceStop(ErrorBound{0.01, true, indicator}),
+                                            SurfaceStop(TriangleBudgetByError{100, indicator})}) {
+                SurfaceQuery& query = queries.emplace_back(at(0.25));
+                query.stop = stop;
+                query.effort = Effort::none;
+                query.grid.cells = cells;
+            }
+        }
+    }
+    for (const Field field : all_fields()) {
+        SurfaceQuery& query = queries.emplace_back(at(0.25));
+        query.stop = FieldThreshold{field, 1e-3};
+        query.grid.cells = is_of_cells(field) ? Cells::hexahedra : Cells::tetrahedra;
+        if (is_bound(field)) {
+            queries.emplace_back(at(0.25)).grid.bound = field;
+        }
+        if (!is_of_cells(field)) {
+            queries.emplace_back(at(0.25)).attributes.error = field;
+        }
+    }
+    for (const std::optional<Field> field :
+         {std::optional<Field>(), std::optional(Field::normal_turn_plus),
+          std::optional(Field::grad_linf_plus)}) {
+        queries.emplace_back(at(0.25)).grid.culling = BackfaceCulling{{1, 0, 0}, field};
+    }
+    for (std::size_t i = 0; i < queries.size(); ++i) {
+        CAPTURE(i);
+        CHECK(answers(queries[i]));
+    }
+    // As every store, if nothing is named.
+    CHECK(fields_needed(at(0.25)) == default_indicators());
+    SurfaceQuery query = at(0.25);
+    query.stop = DistanceBound{1};
+    CHECK(fields_needed(query) == default_indicators());
+}
+
 TEST_CASE(
     "Stages on the full resolution give the same mesh as with a store, for any threads and "
     "memory") {

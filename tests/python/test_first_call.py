@@ -146,6 +146,22 @@ def test_queries_that_need_a_store_get_one(noise, no_store, query):
 
 
 @pytest.mark.parametrize("query", [
+    {"stop": "grad_l2_bar", "threshold": 0.1}, {"vertex_error": "grad_linf_bar"}, {"bound": "grad_linf_plus"},
+    {"view": (1, 0, 0)}, {"view": (1, 0, 0), "cull_by": "grad_linf_plus"}, {"error": 0.1, "indicator": "plus"},
+    {"error": 0.1, "cells": "hex", "effort": "none"}, {"error": 0.1, "cells": "hex", "indicator": "estimate"},
+    {"stop": "hex_linf", "threshold": 0.1, "cells": "hex"}], ids=str)
+def test_a_temporary_store_has_the_fields_of_the_query(noise, tmp_path, query):
+    isonest.preprocess(noise, tmp_path / "s.isonest", indicators="all")
+    # Without a bound the store's tightest is used, and the mesh is the same.
+    with isonest.open(tmp_path / "s.isonest") as store:
+        expected = store.isosurface(0.3, **query)
+    made = isonest.isosurface(noise, 0.3, **query)
+    assert len(expected.faces) > 0
+    np.testing.assert_array_equal(made.vertices, expected.vertices)
+    np.testing.assert_array_equal(made.faces, expected.faces)
+
+
+@pytest.mark.parametrize("query", [
     {"cells": "tet"}, {"close": True}, {"box": ((1, 1, 1), (7.5, 9, 9))}, {"distance": 0.5, "close": True},
     {"cells": "tet", "close": True, "box": ((1, 1, 1), (7.5, 9, 9))}, {"cells": "tet", "distance": 0.5}], ids=str)
 def test_surfaces_at_full_resolution_without_a_store_are_those_of_the_store(noise, tmp_path, monkeypatch, query):

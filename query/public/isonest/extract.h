@@ -169,6 +169,12 @@ struct GraphQuery {
 /// for options that surfaces of labels do not support.
 LabelQuery label_query(const SurfaceQuery& like, const LabelChoice& label);
 
+/// The fields that a store must have for the query, in the order of a store: default_indicators(),
+/// and those of the stop test, the bound, the culling and the attributes.
+std::vector<Field> fields_needed(const SurfaceQuery& query);
+std::vector<Field> fields_needed(const SliceQuery& query);
+std::vector<Field> fields_needed(const GraphQuery& query);
+
 struct ExtractOptions {
     std::uint64_t memory = std::uint64_t{1} << 30U;  ///< maximum bytes of heap, not counting the
                                                      ///< sink's

@@ -229,9 +229,10 @@ Result extract_volume(ExtractCommand& arguments, bool has_iso, Progress& progres
     if (!arguments.labels.several) {
         check_output(a.mesh, true, volume->files());
     }
+    const std::vector<Field> fields = a.is_graph ? fields_needed(graph_query(arguments, nullptr))
+                                                 : fields_needed(arguments.surface_query(nullptr));
     const MadeStore made = make_store_of(
-        *volume, a.store,
-        {in.keep, a.mesh, fields_of(arguments), a.options.memory, a.options.threads}, progress);
+        *volume, a.store, {in.keep, a.mesh, fields, a.options.memory, a.options.threads}, progress);
     volume.reset();
     Result result = run_on(made, [&] {
         return extract_store(made.store, arguments, others ? &*others : nullptr, has_iso, progress);

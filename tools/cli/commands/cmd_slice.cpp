@@ -95,13 +95,17 @@ ExtractReport run_contours(const Store& store, const SliceArguments& a, Progress
     return extract(store, query, *sink, options_of(a.extract), progress);
 }
 
-ExtractReport run_slice(const Store& store, const SliceArguments& a, MeshSink& sink,
-                        Progress& progress) {
+SliceQuery slice_query(const SliceArguments& a) {
     auto query = a.extract.query<SliceQuery>();
     query.plane = a.plane;
     query.cells = a.extract.cells.value_or(Cells::tetrahedra);
     query.attributes = {a.extract.normals, nullptr, a.extract.vertex_error};
-    return extract(store, query, sink, options_of(a.extract), progress);
+    return query;
+}
+
+ExtractReport run_slice(const Store& store, const SliceArguments& a, MeshSink& sink,
+                        Progress& progress) {
+    return extract(store, slice_query(a), sink, options_of(a.extract), progress);
 }
 
 Result slice_store(const Store& store, SliceArguments& a, Progress& progress) {
@@ -189,8 +193,8 @@ Result run(SliceArguments& a, Progress& progress) {
     require_suitable_cells(a.extract);
     ExtractOptions& options = a.extract.options;
     const InputStore input = open_or_make_store(
-        a.in, {{}, a.extract.mesh, fields_of(a.extract, true), 0, options.threads}, options.memory,
-        progress);
+        a.in, {{}, a.extract.mesh, fields_needed(slice_query(a)), 0, options.threads},
+        options.memory, progress);
     a.extract.store = input.name();
     Result result = run_on(input, [&] { return slice_store(input.store(), a, progress); });
     input.report(result);

@@ -105,20 +105,6 @@ bool needs_no_store(VolumeSource& volume, const ExtractCommand& arguments, bool 
     return march_memory(volume, arguments.surface_query(nullptr)).has_value();
 }
 
-std::vector<Field> fields_of(const ExtractCommand& arguments) {
-    std::vector<Field> fields = fields_of(
-        arguments.extract, arguments.extract.is_graph ||
-                               features_of(arguments.surface_query(nullptr))
-                                   .test(static_cast<std::size_t>(Feature::coarse_hexahedra)));
-    if (arguments.bound) {
-        fields.push_back(*arguments.bound);
-    }
-    if (arguments.culling) {
-        fields.push_back(arguments.culling->field.value_or(Field::normal_turn_plus));
-    }
-    return fields;
-}
-
 Result extract_from_volume(VolumeSource& volume, ExtractCommand arguments, Progress& progress) {
     ExtractArguments& a = arguments.extract;
     a.mesh = mesh_name(a.mesh, arguments.isovalues.texts.front());

@@ -71,8 +71,6 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
 
 /// Whether the request can be answered from the volume without a store.
 bool needs_no_store(VolumeSource& volume, const ExtractCommand& arguments, bool has_iso);
-/// The fields of the default store, and those that the options need.
-std::vector<Field> fields_of(const ExtractCommand& arguments);
 /// Extracts the surface directly from the volume. REQUIRES: needs_no_store(). Throws what
 /// open_volume() and extract() throw.
 Result extract_from_volume(VolumeSource& volume, ExtractCommand arguments, Progress& progress);

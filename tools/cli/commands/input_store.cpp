@@ -89,14 +89,6 @@ void require_new(const std::filesystem::path& keep) {
     }
 }
 
-/// Removes duplicates and sorts in the order of a store.
-std::vector<Field> sorted_fields(std::vector<Field> fields) {
-    std::sort(fields.begin(), fields.end());
-    fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
-    fields.erase(std::remove(fields.begin(), fields.end(), Field::values), fields.end());
-    return fields;
-}
-
 }  // namespace
 
 std::string InputArguments::shown() const {
@@ -191,7 +183,7 @@ MadeStore make_store_of(VolumeSource& volume, const std::string& name, const Sto
     PreprocessOptions options;
     options.memory = request.memory;
     options.threads = request.threads;
-    options.fields = sorted_fields(request.fields);
+    options.fields = request.fields;
     const PreprocessReport report = preprocess(volume, path, options, progress);
     std::optional<RemovedName> removed;
     if (!keeps) {

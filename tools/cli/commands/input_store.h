@@ -71,7 +71,7 @@ struct StoreRequest {
     std::filesystem::path keep;    ///< file name; empty: the file is deleted once the store is open
     std::filesystem::path output;  ///< of the command; a store that is not kept is in its folder,
                                    ///< or, if empty, in the system's temporary folder
-    std::vector<Field> fields = default_indicators();  ///< in any order, possibly with duplicates
+    std::vector<Field> fields = default_indicators();
     std::uint64_t memory = 0;
     int threads = 0;
 };

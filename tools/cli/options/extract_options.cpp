@@ -364,20 +364,6 @@ std::string volume_text(const Store& store) {
                        h.origin[0], h.origin[1], h.origin[2], last[0], last[1], last[2]);
 }
 
-std::vector<Field> fields_of(const ExtractArguments& a, bool coarse_cells) {
-    std::vector<Field> fields = default_indicators();
-    if (a.vertex_error) {
-        fields.push_back(*a.vertex_error);
-    }
-    if (a.stop) {
-        fields.push_back(a.stop->field);
-    } else if (a.cells == Cells::hexahedra && coarse_cells) {
-        fields.push_back(a.error.indicator == ErrorIndicator::estimate ? Field::hex_linf
-                                                                       : Field::hex_deviation);
-    }
-    return fields;
-}
-
 ExtractOptions options_of(const ExtractArguments& a) {
     ExtractOptions options = a.options;
     const std::filesystem::path folder = std::filesystem::path(a.mesh).parent_path();

@@ -65,10 +65,6 @@ struct ExtractArguments {
 /// Adds the options for the error, the stop test, focus and camera, --box, --memory and --threads.
 void add_extract_options(CLI::App* command, ExtractArguments& a);
 
-/// The fields of the default store, and those that the options need; may contain duplicates.
-/// `coarse_cells`: the output has hexahedra or quadrilaterals below full resolution.
-std::vector<Field> fields_of(const ExtractArguments& a, bool coarse_cells);
-
 /// Adds --space, the space of a mesh file.
 void add_space_option(CLI::App* command, ExtractArguments& a);
 /// Adds "frame" (of the world) and "space" (of a mesh file with this name).

@@ -248,6 +248,10 @@ std::span<const char* const> option_groups() {
     return kGroups;
 }
 
+std::string form_of(std::string_view command, std::string_view option) {
+    return row_of(command, option).form;
+}
+
 std::vector<const CLI::Option*> options_in(const CLI::App& command, const char* group) {
     std::vector<const CLI::Option*> options;
     for (const OptionRow& row : kOptions) {

@@ -11,12 +11,16 @@ from ._mesh import Mesh
 from ._queries import Place
 
 
-class _NeedsStore(Exception):
-    """Raised if the volume, the query or the memory budget requires a store."""
+class NeedsStore(Exception):
+    """Raised if the volume, the query or the memory budget requires a store, with the indicators that it must have."""
+
+    def __init__(self, indicators: "list[str]") -> None:
+        super().__init__("a store is needed")
+        self.indicators = indicators
 
 
 class _Volume(Extracting):
-    """A volume with the method isosurface() of a store; raises _NeedsStore if a query needs one.
+    """A volume with the method isosurface() of a store; raises NeedsStore if a query needs one.
 
     ``open_source`` opens the volume. Each surface needs its own source, because a source can be read only once. With
     ``in_the_middle`` the isovalue is the mean of the smallest and the largest value, whatever the query says.
@@ -42,7 +46,7 @@ class _Volume(Extracting):
     def _require_no_store(self, query: Any, options: Any) -> None:
         least = self._core.march_memory(query)
         if least is None or least > options.memory:
-            raise _NeedsStore
+            raise NeedsStore(_core.fields_needed(query))
 
     def _middle(self, options: Any, progress: Progress) -> float:
         with reporting(progress) as report:
@@ -70,8 +74,8 @@ class _Volume(Extracting):
 
 def march(volume: Any, iso: "Union[None, float, Sequence[float]]", *, spacing: Optional[Sequence[float]],
           unit: Optional[str], frame: Optional[_sources.PatientFrame], missing: Optional[float], memory: Bytes,
-          **query: Any) -> "Union[None, Mesh, list[Mesh]]":
-    """Extracts the surface, for several isovalues a list of surfaces; None if that needs a store.
+          **query: Any) -> "Union[Mesh, list[Mesh]]":
+    """Extracts the surface, for several isovalues a list of surfaces; raises NeedsStore if that needs a store.
 
     The arguments are those of :func:`isonest.isosurface`.
     """
@@ -81,8 +85,5 @@ def march(volume: Any, iso: "Union[None, float, Sequence[float]]", *, spacing: O
         return _sources.of_volume(volume, identified=False, memory=budget, spacing=spacing, unit=unit, frame=frame,
                                   missing=missing)
 
-    try:
-        return _Volume(open_source, iso is None).isosurface(
-            0.0 if iso is None else iso, memory=budget - _sources.for_fetching(volume, budget), **query)
-    except _NeedsStore:
-        return None
+    return _Volume(open_source, iso is None).isosurface(
+        0.0 if iso is None else iso, memory=budget - _sources.for_fetching(volume, budget), **query)

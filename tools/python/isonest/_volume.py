@@ -97,13 +97,11 @@ def isosurface(volume: Any, iso: "Union[None, float, Sequence[float]]" = None, *
     memory: bytes, in addition to the volume and the mesh (at full resolution, twice the mesh). scratch: the folder for
         the store and temporary files; None: the system's.
     """
-    mesh = _marching.march(volume, iso, spacing=spacing, unit=unit, frame=frame, missing=missing, cells=cells, memory=memory,
-                           threads=threads, scratch=scratch or "", progress=progress, **query)
-    if mesh is not None:
-        return mesh
-    indicators = None
-    if cells in ("hex", "hexahedra") and (query.get("effort") == "none" or query.get("indicator") == "estimate"):
-        indicators = ["deviation_bar", "hex_linf", "hex_deviation"]
+    try:
+        return _marching.march(volume, iso, spacing=spacing, unit=unit, frame=frame, missing=missing, cells=cells,
+                               memory=memory, threads=threads, scratch=scratch or "", progress=progress, **query)
+    except _marching.NeedsStore as needed:
+        indicators = needed.indicators
     with tempfile.TemporaryDirectory(prefix="isonest-", dir=scratch) as folder:
         path = pathlib.Path(folder) / "volume.isonest"
         preprocess(volume, path, spacing=spacing, unit=unit, frame=frame, missing=missing, indicators=indicators, memory=memory,

@@ -298,6 +298,10 @@ void add_planes(py::module_& module) {
 void add_queries(py::module_& module) {
     add_surface(module);
     add_planes(module);
+    module.def(
+        "fields_needed",
+        [](const AskedSurface& asked) { return names_of(fields_needed(asked.query)); },
+        py::arg("query"));
     py::class_<ExtractOptions>(module, "ExtractOptions")
         .def(py::init<>())
         .def_readwrite("memory", &ExtractOptions::memory)

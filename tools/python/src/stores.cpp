@@ -298,12 +298,11 @@ py::array values(const OpenStore& handle, int level, const Numbers& lo_, const N
     const detail::StoreReader& reader = store->reader();
     const ArrayInfo& array = reader.layout().array(level, Field::values);
     const std::uint64_t each = array.chunk_bytes() + detail::decode_heap(array.chunk_bytes());
-    detail::require_memory(store->path().string(), memory, detail::kLibraryHeap + each,
-                           "this store's chunks");
+    const detail::MemoryShare share(store->path().string(), memory,
+                                    detail::Workers::count_of(threads));
+    const int count = share.threads_of(each, "this store's chunks");
     run_watched(report, [&](Progress& progress) {
-        detail::Workers workers(static_cast<int>(std::min<std::uint64_t>(
-            (memory - detail::kLibraryHeap) / each,
-            static_cast<std::uint64_t>(detail::Workers::count_of(threads)))));
+        detail::Workers workers(count);
         const Int3 first = array.chunk_of(lo);
         const Int3 chunks = array.chunk_of(lo + size - Int3{1, 1, 1}) - first + Int3{1, 1, 1};
         progress.begin("values", static_cast<std::uint64_t>(chunks.product()), "chunks");
