@@ -147,8 +147,8 @@ inline bool may_be_solid(double low, double high, double beta, double iso, Outsi
 }
 
 /// The factor for the bound field at an element's refinement node that makes it a bound of |U -
-/// U^l| there: 1, or for the gradient type the diagonal of the element's cube, of edge 2^level. That
-/// is at least the paper's h(T), the element's diameter (section 5).
+/// U^l| there: 1, or for the gradient type the diagonal of the element's cube, of edge 2^level.
+/// That is at least the paper's h(T), the element's diameter (section 5).
 inline double bound_scale(Field bound, int level, const LatticeSteps& steps) {
     if (indicator_of(bound) != Indicator::grad_linf) {
         return 1;

@@ -86,8 +86,8 @@ Field source_at_level_1(Field field);
 /// 0 (query/values/brick_view.h).
 bool centre_suffices_at_level_1(Field field);
 
-/// Whether the field (or, for grad_linf_plus, the element's diameter h(T) times it) bounds |U - U^l|
-/// in an element that refines at the node: section 5 of the paper, without its factor 1/2.
+/// Whether the field (or, for grad_linf_plus, the element's diameter h(T) times it) bounds |U -
+/// U^l| in an element that refines at the node: section 5 of the paper, without its factor 1/2.
 bool is_bound(Field field);
 
 /// Whether the field has one number per hexahedral cell instead of one per node: hex_linf and
