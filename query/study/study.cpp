@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <optional>
 
 #include <isonest/error.h>
@@ -13,7 +12,6 @@
 #include "query/study/graph_distance.h"
 #include "query/study/true_error.h"
 #include "query/study/whole_lattice.h"
-#include "query/traverse/planar.h"
 #include "query/traverse/traversal.h"
 #include "query/values/label_view.h"
 #include "query/values/node_sampler.h"
@@ -24,39 +22,44 @@
 namespace isonest::detail {
 namespace {
 
-/// The extraction of an isosurface (isolines) with this stop test.
+/// The best field of the store for the interest test, which is beta_0 of section 5.
+Field bound_of(const StoreLayout& layout) {
+    Field bound = Field::deviation_bar;
+    for (const Field field :
+         {Field::grad_linf_plus, Field::linf_plus, Field::deviation_plus, Field::deviation_bar}) {
+        bound = layout.has(field) ? field : bound;
+    }
+    return bound;
+}
+
+/// The extraction of an isosurface of hexahedra with this stop test.
 TraversalQuery surface_query(const StoreReader& store, double iso, Field stop, double threshold) {
     const StoreHeader& header = store.layout().header();
     TraversalQuery query;
     query.iso = iso;
     query.stop = stop;
-    query.cells = is_of_cells(stop) ? Cells::hexahedra : Cells::tetrahedra;
+    query.cells = Cells::hexahedra;
     query.tolerance = Tolerance(threshold, {}, {}, header.spacing, header.origin);
-    for (const Field field :
-         {Field::grad_linf_plus, Field::linf_plus, Field::deviation_plus, Field::deviation_bar}) {
-        query.bound = store.layout().has(field) ? field : query.bound;
-    }
-    constexpr double kAnywhere = std::numeric_limits<double>::infinity();
-    for (int axis = 0; axis < 3; ++axis) {
-        const bool flat = header.nodes[axis] == 1;
-        query.box.lo[static_cast<std::size_t>(axis)] = flat ? -kAnywhere : 0;
-        query.box.hi[static_cast<std::size_t>(axis)] =
-            flat ? kAnywhere : static_cast<double>(header.nodes[axis] - 1);
-    }
+    query.bound = bound_of(store.layout());
+    query.box = volume_box(store.layout().lattice());
     return query;
 }
 
 /// Counts what that extraction visits.
-void count_surface(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
-                   StudyRow& row) {
+VisitCounts count_surface(ChunkCache& cache, const TraversalQuery& query,
+                          std::size_t part_vertices) {
     const PartSink nowhere = [](std::uint64_t, const MeshPart&) {};
-    const bool planar = cache.source().layout().lattice().dimension() == 2;
     const TraversalCounts counts =
-        planar ? traverse_planar(cache, query, PlanarKind::isolines, part_vertices, nowhere,
-                                 silent_progress())
-               : traverse(cache, query, part_vertices, nowhere, silent_progress());
-    row.iso_visited = counts.visited;
-    row.iso_leaves = counts.leaves;
+        traverse(cache, query, part_vertices, nowhere, silent_progress());
+    VisitCounts visits;
+    visits.visited = counts.visited;
+    visits.leaves = counts.leaves;
+    return visits;
+}
+
+bool is_of_cells(const StudyField& field) {
+    const Field* const stored = std::get_if<Field>(&field);
+    return stored != nullptr && isonest::is_of_cells(*stored);
 }
 
 /// Distribution of the memory; fewer threads are used if there is little.
@@ -66,19 +69,21 @@ struct Shares {
     std::size_t part_vertices = 0;
 };
 
-Shares share(const StoreReader& store, const StudyOptions& options) {
+Shares share(const StoreReader& store, const StudyOptions& options, std::optional<Field> bound) {
     const StoreLayout& layout = store.layout();
-    const std::uint64_t nodes = WholeLattice::heap(layout);
+    const std::uint64_t nodes = WholeLattice::heap(layout, bound);
     const std::uint64_t largest = largest_chunk_bytes(layout);
     // One chunk is held, one more is in the cache.
     const std::uint64_t each = decode_heap(largest) + 2 * largest + kIndicatorBoxHeap;
-    std::uint64_t least = each;
+    std::vector<TraversalQuery> extractions;
     for (const StudyField& field : options.fields) {
-        if (options.iso) {
-            const TraversalQuery query =
-                surface_query(store, *options.iso, std::get<Field>(field), 0);
-            least = std::max(least, min_heap(store, query, nullptr));
+        if (options.iso && is_of_cells(field)) {
+            extractions.push_back(surface_query(store, *options.iso, std::get<Field>(field), 0));
         }
+    }
+    std::uint64_t least = each;
+    for (const TraversalQuery& query : extractions) {
+        least = std::max(least, min_heap(store, query, nullptr));
     }
     Shares shares;
     const std::string what = "a study of this volume";
@@ -90,13 +95,10 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
     shares.threads = memory.threads_of(each, what);
     shares.cache =
         memory.left() - static_cast<std::uint64_t>(shares.threads) * (each - 2 * largest);
-    if (options.iso) {
-        for (const StudyField& field : options.fields) {
-            const TraversalBudget budget =
-                share_memory(store, surface_query(store, *options.iso, std::get<Field>(field), 0),
-                             nullptr, memory.with_threads(shares.threads), false);
-            shares = {budget.threads, std::min(shares.cache, budget.cache), budget.part_vertices};
-        }
+    for (const TraversalQuery& query : extractions) {
+        const TraversalBudget budget =
+            share_memory(store, query, nullptr, memory.with_threads(shares.threads), false);
+        shares = {budget.threads, std::min(shares.cache, budget.cache), budget.part_vertices};
     }
     return shares;
 }
@@ -105,7 +107,7 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
 void require_sense(const StoreLayout& layout, const StudyOptions& options) {
     for (const StudyField& field : options.fields) {
         if (const Field* const stored = std::get_if<Field>(&field)) {
-            if (is_of_cells(*stored) && !suit_cells(layout, options)) {
+            if (is_of_cells(field) && !suit_cells(layout, options)) {
                 throw Error(ErrorKind::invalid_argument,
                             fmt::format("{} is a field of hexahedral or quadrilateral cells, for "
                                         "which there is no study of {}",
@@ -121,10 +123,6 @@ void require_sense(const StoreLayout& layout, const StudyOptions& options) {
                         fmt::format("{} is not saturated: a mesh that it stops has cracks; {}_bar "
                                     "and {}_plus are",
                                     name_of(field), name_of(field), name_of(field)));
-        } else if (options.iso) {
-            throw Error(ErrorKind::invalid_argument,
-                        fmt::format("{} is not in the store, which extracting an isosurface reads",
-                                    name_of(field)));
         }
     }
     if (options.steps < 2 || !(options.least > 0) || !(options.least < 1)) {
@@ -194,14 +192,23 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
         plane = lattice_plane(layout.header(), *options.plane);
     }
     const LatticePlane* const cut = plane ? &*plane : nullptr;
-    const Shares shares = share(store, options);
+    std::optional<Field> bound;
+    if (options.iso && !std::all_of(options.fields.begin(), options.fields.end(),
+                                    [](const StudyField& f) { return is_of_cells(f); })) {
+        bound = bound_of(layout);
+        static_cast<void>(layout.array(std::min(1, layout.lattice().top()), *bound));
+    }
+    const Shares shares = share(store, options, bound);
     Study result;
     Workers(shares.threads).execute([&] {
-        WholeLattice whole(layout);
+        WholeLattice whole(layout, bound);
         ChunkCache cache(store, shares.cache);
         whole.load_values(cache);
+        if (bound) {
+            whole.load_bound(cache, progress);
+        }
         const double range = store.max_value() - store.min_value();
-        result.all_elements = whole.count(-1, cut, options.threads).leaves;
+        result.all_elements = whole.count(-1, cut).leaves;
         if (plane && result.all_elements == 0) {
             throw Error(ErrorKind::invalid_argument, {store.path().string()},
                         "the plane misses the volume");
@@ -214,7 +221,7 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
         }
         for (const StudyField& field : options.fields) {
             const Field* const stored = std::get_if<Field>(&field);
-            const bool cells = stored != nullptr && is_of_cells(*stored);
+            const bool cells = is_of_cells(field);
             const double largest = cells ? load_cell_numbers(whole, cache, *stored, progress)
                                    : stored != nullptr
                                        ? whole.load_indicator(cache, *stored, progress)
@@ -229,8 +236,8 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
                                                             static_cast<double>(options.steps - 1));
                 const double threshold = row.threshold * largest;
                 row.nodes = cells ? project_on_cells(whole, threshold) : whole.project(threshold);
-                const VisitCounts counts = cells ? whole.count_cells(threshold)
-                                                 : whole.count(threshold, cut, options.threads);
+                const VisitCounts counts =
+                    cells ? whole.count_cells(threshold) : whole.count(threshold, cut);
                 row.visited = counts.visited;
                 row.leaves = counts.leaves;
                 row.norms = plane ? plane_error(whole, *plane, layout.header().spacing, unit)
@@ -243,8 +250,13 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
                         graph_distance(whole, layout.header().spacing, unit, progress);
                 }
                 if (options.iso) {
-                    count_surface(cache, surface_query(store, *options.iso, *stored, threshold),
-                                  shares.part_vertices, row);
+                    const VisitCounts surface =
+                        cells ? count_surface(
+                                    cache, surface_query(store, *options.iso, *stored, threshold),
+                                    shares.part_vertices)
+                              : whole.count_surface(threshold, *options.iso);
+                    row.iso_visited = surface.visited;
+                    row.iso_leaves = surface.leaves;
                 }
                 result.rows.push_back(row);
                 progress.advance(1);

@@ -3,14 +3,16 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 #include <optional>
+#include <vector>
 
-#include "query/traverse/each_leaf.h"
 #include "query/traverse/hexahedra/hex_projection.h"
 #include "query/values/blocks.h"
 #include "query/values/node_sampler.h"
 #include "store/container/chunk_cache.h"
+#include "store/container/codec.h"
 
 namespace isonest::detail {
 namespace {
@@ -30,15 +32,15 @@ struct CubesOfVolume {
     }
 };
 
-/// Those of which the plane cuts out an area; if a face is in the plane, only the cubes below.
+/// Selects the elements of which the plane cuts out an area; if a face is in the plane, only the
+/// one below.
 struct CutByPlane {
-    CubesOfVolume cubes;
     LatticePlane plane;
 
-    [[nodiscard]] Overlap overlap(const Element<3>& t) const {
-        if (cubes.overlap(t) == Overlap::outside) {
-            return Overlap::outside;
-        }
+    [[nodiscard]] static std::optional<Field> field() { return std::nullopt; }
+    template <int D, class Numbers>
+    [[nodiscard]] bool may_hold(const Element<D>& t, double /*number*/,
+                                Numbers& /*numbers*/) const {
         int below = 0;
         int above = 0;
         for (const Int3& v : t.v) {
@@ -46,14 +48,16 @@ struct CutByPlane {
             below += distance < 0 ? 1 : 0;
             above += distance > 0 ? 1 : 0;
         }
-        const bool is_cut = below > 0 && (above > 0 || below == 1);
-        return is_cut ? Overlap::inside : Overlap::outside;
+        return below > 0 && (above > 0 || below == 1);
     }
 };
 
+/// Stands for the field that is studied; it is no bound.
+constexpr Field kStudied = Field::linf_bar;
+
 struct BelowThreshold {
     double threshold;
-    [[nodiscard]] static std::optional<Field> field() { return Field::linf_bar; }
+    [[nodiscard]] static std::optional<Field> field() { return kStudied; }
     template <class T>
     [[nodiscard]] bool stops(const T& /*t*/, double eta) const {
         return !(eta >= threshold);
@@ -68,21 +72,24 @@ struct WholeLattice::Numbers {
     [[nodiscard]] double value(const Int3& p, int /*level*/) const {
         return whole->exact_[whole->at(p)];
     }
-    [[nodiscard]] double indicator(const Int3& p, Field /*field*/) const {
-        return static_cast<double>(whole->eta_[whole->at(p)]);
+    [[nodiscard]] double indicator(const Int3& p, Field field) const {
+        const std::vector<float>& numbers = field == kStudied ? whole->eta_ : whole->bound_;
+        return static_cast<double>(numbers[whole->at(p)]);
     }
 };
 
-WholeLattice::WholeLattice(const StoreLayout& layout)
+WholeLattice::WholeLattice(const StoreLayout& layout, std::optional<Field> bound)
     : layout_(layout),
       lattice_(layout.lattice()),
       number_(lattice_),
       exact_(number_.count()),
       projected_(number_.count()),
-      eta_(number_.count()) {}
+      eta_(number_.count()),
+      bound_(bound ? number_.count() : 0),
+      bound_field_(bound) {}
 
-std::uint64_t WholeLattice::heap(const StoreLayout& layout) {
-    return NodeIndex(layout.lattice()).count() * kBytesPerNode;
+std::uint64_t WholeLattice::heap(const StoreLayout& layout, std::optional<Field> bound) {
+    return NodeIndex(layout.lattice()).count() * (kBytesPerNode + (bound ? sizeof(float) : 0));
 }
 
 void WholeLattice::load_values(ChunkCache& cache) {
@@ -114,11 +121,24 @@ void WholeLattice::load_values(ChunkCache& cache) {
 }
 
 double WholeLattice::load_indicator(ChunkCache& cache, Field field, Progress& progress) {
+    return load_numbers(cache, field, progress,
+                        [&](const Int3& p, double eta) { eta_[at(p)] = static_cast<float>(eta); });
+}
+
+void WholeLattice::load_bound(ChunkCache& cache, Progress& progress) {
+    assert(bound_field_);
+    load_numbers(cache, *bound_field_, progress,
+                 [&](const Int3& p, double beta) { bound_[at(p)] = round_up_to_float(beta); });
+}
+
+template <class Set>
+double WholeLattice::load_numbers(ChunkCache& cache, Field field, Progress& progress,
+                                  const Set& set_number) {
     const Int3 chunk = layout_.array(0, Field::values).chunk;
     const Int3 grid = ceil_div(number_.dense(), chunk);
     std::vector<double> largest(static_cast<std::size_t>(grid.product()), 0);
     const auto set = [&](const Int3& p, double eta, double& most) {
-        eta_[at(p)] = static_cast<float>(eta);
+        set_number(p, eta);
         most = std::isfinite(eta) ? std::max(most, eta) : most;
     };
     const auto wanted = [&](std::int64_t c, std::vector<WantedChunk>& chunks) {
@@ -164,32 +184,77 @@ std::uint64_t WholeLattice::project(double threshold) {
     });
 }
 
-VisitCounts WholeLattice::count(double threshold, const LatticePlane* plane, int threads) const {
-    if (plane != nullptr) {
-        const CutByPlane cut{{lattice_.nodes() - Int3{1, 1, 1}}, *plane};
-        return for_each_leaf<3>(lattice_, Numbers{this}, cut, BelowThreshold{threshold}, {},
-                                threads, silent_progress());
+template <int D, class Interest, class IsLeaf>
+VisitCounts WholeLattice::traverse(double threshold, const Interest& interest,
+                                   const IsLeaf& is_leaf) const {
+    using Traversal =
+        AdaptTraverse<Element<D>, const Numbers, CubesOfVolume, Interest, BelowThreshold>;
+    const Numbers numbers{this};
+    const auto counted = [&](const auto& visit) {
+        Traversal traversal(numbers, {lattice_.nodes() - Int3{1, 1, 1}}, interest, {threshold});
+        std::uint64_t leaves = 0;
+        auto count = [&](const Element<D>& leaf, double /*eta*/, Overlap /*where*/) {
+            leaves += is_leaf(leaf) ? 1 : 0;
+        };
+        visit(traversal, count);
+        VisitCounts counts = traversal.counts();
+        counts.leaves = leaves;
+        return counts;
+    };
+    // At most 6 * 2^12 subtrees.
+    const int level = std::max(lattice_.top() - 12 / D, 0);
+    std::vector<Element<D>> subtrees;
+    VisitCounts sum = counted([&](Traversal& traversal, auto& count) {
+        for (const Element<D>& root : traversal.roots(lattice_)) {
+            traversal.above(root, level, count, subtrees);
+        }
+    });
+    std::vector<VisitCounts> of_subtree(subtrees.size());
+    tbb::parallel_for(std::size_t{0}, subtrees.size(), [&](std::size_t i) {
+        of_subtree[i] = counted(
+            [&](Traversal& traversal, auto& count) { traversal.subtree(subtrees[i], count); });
+    });
+    for (const VisitCounts& counts : of_subtree) {
+        sum.add(counts);
     }
+    return sum;
+}
+
+template <class Interest, class IsLeaf>
+VisitCounts WholeLattice::traverse(double threshold, const Interest& interest,
+                                   const IsLeaf& is_leaf) const {
     switch (lattice_.dimension()) {
         case 1:
-            return count_elements<1>(threshold, threads);
+            return traverse<1>(threshold, interest, is_leaf);
         case 2:
-            return count_elements<2>(threshold, threads);
+            return traverse<2>(threshold, interest, is_leaf);
         case 3:
-            return count_elements<3>(threshold, threads);
-        default: {
-            VisitCounts counts;
-            counts.visited = counts.leaves = 1;  // a single node
-            return counts;
-        }
+            return traverse<3>(threshold, interest, is_leaf);
+        default:
+            return {};
     }
 }
 
-template <int D>
-VisitCounts WholeLattice::count_elements(double threshold, int threads) const {
-    return for_each_leaf<D>(lattice_, Numbers{this},
-                            CubesOfVolume{lattice_.nodes() - Int3{1, 1, 1}},
-                            BelowThreshold{threshold}, {}, threads, silent_progress());
+VisitCounts WholeLattice::count(double threshold, const LatticePlane* plane) const {
+    const auto all = [](const auto& /*leaf*/) { return true; };
+    if (plane != nullptr) {
+        return traverse<3>(threshold, CutByPlane{*plane}, all);
+    }
+    if (lattice_.dimension() == 0) {
+        VisitCounts counts;
+        counts.visited = counts.leaves = 1;  // a single node
+        return counts;
+    }
+    return traverse(threshold, Everything{}, all);
+}
+
+VisitCounts WholeLattice::count_surface(double threshold, double iso) const {
+    assert(bound_field_);
+    return traverse(threshold, HoldsIsovalue{iso, *bound_field_, layout_.header().steps()},
+                    [&](const auto& leaf) {
+                        const auto [low, high] = leaf.range();
+                        return leaf.is_complete() && low < iso && high >= iso;
+                    });
 }
 
 VisitCounts WholeLattice::count_cells(double threshold) const {

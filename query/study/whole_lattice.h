@@ -89,22 +89,32 @@ struct ErrorNorms {
 
 class WholeLattice {
   public:
-    explicit WholeLattice(const StoreLayout& layout);
+    /// `bound`: the field of the interest test of count_surface(), if that is called. REQUIRES:
+    /// is_bound(bound); the store has it.
+    explicit WholeLattice(const StoreLayout& layout, std::optional<Field> bound = {});
 
     /// Size in bytes.
-    static std::uint64_t heap(const StoreLayout& layout);
+    static std::uint64_t heap(const StoreLayout& layout, std::optional<Field> bound = {});
 
     /// Throws what ChunkCache throws.
     void load_values(ChunkCache& cache);
     /// Returns the largest finite value. Throws what ChunkCache throws, and Error{cancelled}.
     double load_indicator(ChunkCache& cache, Field field, Progress& progress);
+    /// REQUIRES: a bound was given. Throws the same.
+    void load_bound(ChunkCache& cache, Progress& progress);
     /// Computes P U of the mesh that refines the nodes whose indicator is at least `threshold`.
     /// Returns the number of its nodes in the volume.
     std::uint64_t project(double threshold);
 
-    /// Counts the elements of that mesh, including those that extend beyond the volume; with a
-    /// plane, those that it cuts. `threads`: 0 = all cores. REQUIRES: a plane only in a volume.
-    [[nodiscard]] VisitCounts count(double threshold, const LatticePlane* plane, int threads) const;
+    /// Counts the elements of that mesh, including those that extend beyond the volume, and the
+    /// elements that AdaptTraverse tests to find them. With a plane, the mesh's elements are those
+    /// that it cuts, and the interest test is whether it does. The same for any number of threads,
+    /// which are the arena's. REQUIRES: a plane only in a volume.
+    [[nodiscard]] VisitCounts count(double threshold, const LatticePlane* plane) const;
+    /// Counts the elements of that mesh in which its linear function takes the isovalue, and the
+    /// elements that AdaptTraverse tests to find them, by HoldsIsovalue. REQUIRES: the bound is
+    /// loaded.
+    [[nodiscard]] VisitCounts count_surface(double threshold, double iso) const;
     /// The same for cells; their indicators are those at their centres.
     [[nodiscard]] VisitCounts count_cells(double threshold) const;
     /// Norms at the nodes of the finest lattice (the trapezoidal rule), without missing data.
@@ -125,8 +135,14 @@ class WholeLattice {
   private:
     struct Numbers;
     [[nodiscard]] std::size_t at(const Int3& p) const { return number_.of(p); }
-    template <int D>
-    [[nodiscard]] VisitCounts count_elements(double threshold, int threads) const;
+    template <int D, class Interest, class IsLeaf>
+    [[nodiscard]] VisitCounts traverse(double threshold, const Interest& interest,
+                                       const IsLeaf& is_leaf) const;
+    template <class Interest, class IsLeaf>
+    [[nodiscard]] VisitCounts traverse(double threshold, const Interest& interest,
+                                       const IsLeaf& is_leaf) const;
+    template <class Set>
+    double load_numbers(ChunkCache& cache, Field field, Progress& progress, const Set& set_number);
 
     const StoreLayout& layout_;
     const Lattice& lattice_;
@@ -134,6 +150,8 @@ class WholeLattice {
     std::vector<double> exact_;
     std::vector<double> projected_;
     std::vector<float> eta_;
+    std::vector<float> bound_;  ///< empty without one
+    std::optional<Field> bound_field_;
 };
 
 template <class Interpolated>

@@ -1,6 +1,8 @@
 // The interest test: whether the finest function can take the isovalue in a tetrahedron.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 5, beta_0: |U - U^l| <= beta in the tetrahedron,
+// Source: Gerstner, Rumpf, Weikard (2000), section 5, beta_0: |U - U^l| <= beta in the tetrahedron
+// (U is the finest function, U^l the linear one on the tetrahedron; the paper's l grows from coarse
+// to fine, by one per bisection, the other way than our levels),
 // so U stays within the values of its vertices plus or minus beta. Here beta is the saturated
 // deviation (or eta_plus), not the eta_plus / 2 that the paper prints and that is not a bound.
 #pragma once
@@ -145,8 +147,8 @@ inline bool may_be_solid(double low, double high, double beta, double iso, Outsi
 }
 
 /// The factor for the bound field at an element's refinement node that makes it a bound of |U -
-/// U^l| there: 1, or h(T) for the gradient type (section 5 of the paper). The element is in a cube
-/// of edge 2^level.
+/// U^l| there: 1, or for the gradient type the diagonal of the element's cube, of edge 2^level.
+/// That is at least the paper's h(T), the element's diameter (section 5).
 inline double bound_scale(Field bound, int level, const LatticeSteps& steps) {
     if (indicator_of(bound) != Indicator::grad_linf) {
         return 1;

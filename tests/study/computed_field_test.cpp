@@ -226,9 +226,6 @@ TEST_CASE("a study of a computed indicator agrees with that of the store's") {
     }
     options.fields = {field_named("lp:2")};
     CHECK_THROWS_AS(study(*l.store, options, silent_progress()), Error);
-    options.fields = {field_named("lp:2_bar")};
-    options.iso = 0.1;
-    CHECK_THROWS_AS(study(*l.store, options, silent_progress()), Error);
 }
 
 TEST_CASE("a computed indicator is infinite at and above missing values") {

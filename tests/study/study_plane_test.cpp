@@ -31,7 +31,8 @@ class ExplicitMesh {
         std::uint64_t visited = 0;
         std::uint64_t leaves = 0;
     };
-    /// Counts the elements whose intersection with the plane has an area.
+    /// Counts the elements that are tested for an intersection that has an area, and the leaves
+    /// that have one.
     [[nodiscard]] Counted cut_by(const WorldPlane& plane) const {
         Counted counted;
         for_roots([&](const Tetrahedron& t) { count(t, plane, counted); });
@@ -90,11 +91,13 @@ class ExplicitMesh {
             (distance < 0 ? below : distance > 0 ? above : in_plane) += 1;
         }
         const Int3 last = volume_.nodes() - Int3{1, 1, 1};
-        if ((t.kind == 0 && max(low + Int3{1, 1, 1}, last) != last) || below == 0 ||
-            (above == 0 && in_plane < 3)) {
+        if (t.kind == 0 && max(low + Int3{1, 1, 1}, last) != last) {
             return;
         }
         ++counted.visited;
+        if (below == 0 || (above == 0 && in_plane < 3)) {
+            return;
+        }
         if (!refines(t)) {
             ++counted.leaves;
             return;

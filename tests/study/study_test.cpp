@@ -2,6 +2,7 @@
 #include "query/study/study.h"
 
 #include <catch2/catch.hpp>
+#include <limits>
 
 #include <isonest/error.h>
 
@@ -18,8 +19,12 @@ namespace {
 struct Counted {
     std::uint64_t visited = 0;
     std::uint64_t leaves = 0;
+    std::uint64_t surface_visited = 0;
+    std::uint64_t surface_leaves = 0;
     double linf = 0;
 };
+
+constexpr double kIso = 0.45;
 
 /// Refines by the oracle's indicator; compares U with each leaf's linear function at the nodes
 /// inside it.
@@ -34,14 +39,16 @@ class Recursion {
         const Int3 cells = lattice.cells_at(lattice.top());
         for (std::int64_t c = 0; c < cells.product(); ++c) {
             for (int order = 0; order < 6; ++order) {
-                visit(kuhn_tetrahedron(cells.unlinear(c), std::int64_t{1} << lattice.top(), order));
+                visit(kuhn_tetrahedron(cells.unlinear(c), std::int64_t{1} << lattice.top(), order),
+                      true);
             }
         }
         return counted_;
     }
 
   private:
-    void visit(const Tetrahedron& t) {
+    /// `asks`: whether all ancestors are of interest for the isosurface.
+    void visit(const Tetrahedron& t, bool asks) {
         Int3 low = t.v[0];
         Int3 high = t.v[0];
         for (const Int3& v : t.v) {
@@ -53,18 +60,28 @@ class Recursion {
             return;  // outside the volume
         }
         ++counted_.visited;
+        counted_.surface_visited += asks ? 1 : 0;
+        double least = std::numeric_limits<double>::infinity();
+        double most = -least;
+        for (const Int3& v : t.v) {
+            const double value = volume_.at(min(v, n - Int3{1, 1, 1}));
+            least = std::min(least, value);
+            most = std::max(most, value);
+        }
         const Int3 d = high - low;
         if (std::max({d.x, d.y, d.z}) > 1) {
             const Int3 x = t.ref_node();
             const auto node = oracle_.nodes().find({x.x, x.y, x.z});
             if (node != oracle_.nodes().end() && node->second.of(Field::linf_bar) >= threshold_) {
+                const double beta = node->second.of(Field::linf_plus);
                 for (const Tetrahedron& child : t.bisect()) {
-                    visit(child);
+                    visit(child, asks && least - beta <= kIso && most + beta >= kIso);
                 }
                 return;
             }
         }
         ++counted_.leaves;
+        counted_.surface_leaves += asks && least < kIso && most >= kIso ? 1 : 0;
         for (std::int64_t i = 0; i < (d + Int3{1, 1, 1}).product(); ++i) {
             compare(t, low + (d + Int3{1, 1, 1}).unlinear(i));
         }
@@ -109,12 +126,15 @@ TEST_CASE("the study's counts and errors agree with an explicit recursion") {
         CAPTURE(n.x, n.y, n.z);
         FunctionVolume<double> volume(n, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); });
         const TemporaryFolder folder;
-        make_store(volume, folder / "s", with_chunk(8, true));
+        PreprocessOptions fields = with_chunk(8, true);
+        fields.fields = {Field::linf_bar, Field::linf_plus};
+        make_store(volume, folder / "s", fields);
         const StoreReader store(folder / "s");
         StudyOptions options;
         options.fields = {Field::linf_bar};
         options.steps = 7;
         options.least = 1e-2;
+        options.iso = kIso;
         const Study s = study(store, options, silent_progress());
         const BisectionOracle oracle(n, [&](const Int3& p) { return volume.at(p); });
         double largest = 0;
@@ -128,18 +148,30 @@ TEST_CASE("the study's counts and errors agree with an explicit recursion") {
             CAPTURE(row.threshold);
             CHECK(row.leaves == c.leaves);
             CHECK(row.visited == c.visited);
+            CHECK(row.iso_visited == c.surface_visited);
+            CHECK(row.iso_leaves == c.surface_leaves);
+            CHECK(row.iso_efficiency(row.norms.l2) ==
+                  Approx(1 / (static_cast<double>(c.surface_visited) * row.norms.l2)));
             CHECK(row.norms.linf * (store.max_value() - store.min_value()) ==
                   Approx(c.linf).margin(1e-6));
-            // The paper's efficiency is per visited cell, ours per leaf.
-            CHECK(row.efficiency_of_visited(row.norms.l2) ==
-                  Approx(1 / (static_cast<double>(c.visited) * row.norms.l2)));
             CHECK(row.efficiency(row.norms.l2) ==
+                  Approx(1 / (static_cast<double>(c.visited) * row.norms.l2)));
+            CHECK(row.element_efficiency(row.norms.l2) ==
                   Approx(1 / (static_cast<double>(c.leaves) * row.norms.l2)));
             CHECK(row.norms.l1 <= row.norms.l2);
             CHECK(row.norms.l2 <= row.norms.linf);
         }
         CHECK(s.rows.front().leaves < s.rows.back().leaves);
         CHECK(s.rows.back().leaves <= s.all_elements);
+        CHECK(s.rows.back().iso_visited < s.rows.back().visited);
+        // The same for the same indicator if it is computed.
+        options.fields = {*computed_field_from_name("lp:inf_bar")};
+        options.threads = 1;
+        const Study computed = study(store, options, silent_progress());
+        for (std::size_t i = 0; i < s.rows.size(); ++i) {
+            CHECK(static_cast<double>(computed.rows[i].iso_visited) ==
+                  Approx(static_cast<double>(s.rows[i].iso_visited)).epsilon(0.01));
+        }
     }
 }
 

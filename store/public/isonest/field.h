@@ -10,10 +10,12 @@
 namespace isonest {
 
 /// What the number of a node measures before saturation (section 4 of the paper). x is the node,
-/// U_delta(x) = U(x) - (U(x1) + U(x2)) / 2 with x1, x2 the ends of its refinement edge.
+/// U_delta(x) = U(x) - (U(x1) + U(x2)) / 2 with x1, x2 the ends of its refinement edge. U is the
+/// finest function, U^l the linear one on the paper's grid T^l; l grows from coarse to fine, by one
+/// per bisection, the other way than the levels of a store (preprocess/METHOD.md).
 enum class Indicator : std::uint8_t {
     linf,       ///< eta_infinity = |U_delta|
-    deviation,  ///< eta*_infinity: |U - U^l| over the support of x, U the finest function
+    deviation,  ///< eta*_infinity: |U - U^l| over the support of x
     l1,         ///< eta_1 = |U_delta| sum |T| / (d + 1)
     l2,         ///< eta_2 = |U_delta| sqrt(sum |T|) / (d + 1)
     grad_linf,  ///< eta_{1,infinity} = max |grad U_delta|
@@ -84,8 +86,8 @@ Field source_at_level_1(Field field);
 /// 0 (query/values/brick_view.h).
 bool centre_suffices_at_level_1(Field field);
 
-/// Whether the field (or, for grad_linf_plus, h(T) times it) bounds |U - U^l| in an element that
-/// refines at the node: section 5 of the paper, without its factor 1/2.
+/// Whether the field (or, for grad_linf_plus, the element's diameter h(T) times it) bounds |U -
+/// U^l| in an element that refines at the node: section 5 of the paper, without its factor 1/2.
 bool is_bound(Field field);
 
 /// Whether the field has one number per hexahedral cell instead of one per node: hex_linf and

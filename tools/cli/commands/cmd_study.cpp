@@ -47,27 +47,27 @@ constexpr std::array<Column, 11> kColumns{
       [](const StudyRow& r) { return r.norms.l2; }},
      {"linf", "Largest error of the function", "||P U - U||, L infinity",
       [](const StudyRow& r) { return r.norms.linf; }},
-     {"efficiency_l1", "Accuracy per element, L1 norm", "1 / (elements error), L1",
+     {"efficiency_l1", "Efficiency E, L1 norm", "1 / (visited error), L1",
       [](const StudyRow& r) { return r.efficiency(r.norms.l1); }},
-     {"efficiency_l2", "Accuracy per element, L2 norm", "1 / (elements error), L2",
+     {"efficiency_l2", "Efficiency E, L2 norm", "1 / (visited error), L2",
       [](const StudyRow& r) { return r.efficiency(r.norms.l2); }},
-     {"efficiency_linf", "Accuracy per element, maximum norm", "1 / (elements error), L infinity",
+     {"efficiency_linf", "Efficiency E, maximum norm", "1 / (visited error), L infinity",
       [](const StudyRow& r) { return r.efficiency(r.norms.linf); }},
-     {"efficiency_visited_l1", "Accuracy per visited element, L1 norm", "1 / (visited error), L1",
-      [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.l1); }},
-     {"efficiency_visited_l2", "Accuracy per visited element, L2 norm", "1 / (visited error), L2",
-      [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.l2); }},
-     {"efficiency_visited_linf", "Accuracy per visited element, maximum norm",
-      "1 / (visited error), L infinity",
-      [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.linf); }}}};
+     {"element_efficiency_l1", "Accuracy for each element, L1 norm", "1 / (elements error), L1",
+      [](const StudyRow& r) { return r.element_efficiency(r.norms.l1); }},
+     {"element_efficiency_l2", "Accuracy for each element, L2 norm", "1 / (elements error), L2",
+      [](const StudyRow& r) { return r.element_efficiency(r.norms.l2); }},
+     {"element_efficiency_linf", "Accuracy for each element, maximum norm",
+      "1 / (elements error), L infinity",
+      [](const StudyRow& r) { return r.element_efficiency(r.norms.linf); }}}};
 constexpr std::array<Column, 3> kIsoColumns{
     {{"iso_visited", "Elements visited for the isosurface", "elements visited for the isosurface",
       [](const StudyRow& r) { return static_cast<double>(r.iso_visited); }},
      {"iso_leaves", "Elements that contain the isosurface", "elements that contain the isosurface",
       [](const StudyRow& r) { return static_cast<double>(r.iso_leaves); }},
-     {"efficiency_iso_visited_l2", "Accuracy per element visited for the isosurface, L2 norm",
+     {"iso_efficiency_l2", "Efficiency E for the isosurface, L2 norm",
       "1 / (visited for the isosurface, error), L2",
-      [](const StudyRow& r) { return r.efficiency_of_visited_for_iso(r.norms.l2); }}}};
+      [](const StudyRow& r) { return r.iso_efficiency(r.norms.l2); }}}};
 
 constexpr std::array<Column, 3> kTrueColumns{
     {{"value_lp", "Error of the function in L^p, integrated", "||P U - U|| in L^p, integrated",
@@ -269,7 +269,9 @@ Result run(StudyArguments& a, Progress& progress) {
                    {"rows", rows}};
     result.text = fmt::format(
         "{}: study.csv and plots of {} fields at {} thresholds; the finest mesh "
-        "has {} elements, the finest grid {} cells\n",
+        "has {} elements, the finest grid {} cells\nThe columns efficiency_* are 1 / (visited "
+        "error); "
+        "1 / (elements error), which had these names before, is element_efficiency_*\n",
         a.folder, a.study.fields.size(), a.study.steps, s.all_elements, s.all_cells);
     add_fetched(opened, result);
     return result;
@@ -283,11 +285,12 @@ void add_study(CLI::App& app, Invocation& chosen) {
         app, chosen, "study",
         {"Compare the indicators of a store by their numbers of elements and errors",
          "For each field and for thresholds decreasing from its largest value: the elements of the "
-         "adaptive mesh of the volume, the cells visited to find them, the error of the function "
-         "on the mesh in three norms, and the efficiency 1 / (elements or visited cells x error), "
-         "as study.csv and as plots (.svg, .png). --fields also accepts the computed fields "
-         "lp:P_bar, grad_lp:P_bar (P from 1 to inf), gradient_bar and curvature_bar, or with "
-         "_plus. The volume must fit into memory, at 20 bytes per node.",
+         "adaptive mesh of the volume, the elements visited to find them, the error of the "
+         "function on the mesh in three norms, and the efficiency 1 / (visited elements x error), "
+         "also for elements instead of visited ones, as study.csv and as plots (.svg, .png). "
+         "--fields also accepts the computed fields lp:P_bar, grad_lp:P_bar (P from 1 to inf), "
+         "gradient_bar and curvature_bar, or with _plus. The volume must fit into memory, at 20 "
+         "bytes per node.",
          "isonest preprocess map.h5 --indicators all -o map.isonest\n"
          "isonest study map.isonest --out map-study\n"
          "isonest study head.isonest --fields linf_bar,normal_bar --iso 120 --out study\n"
