@@ -1,10 +1,11 @@
 """The installed package works for its users: tools/examples are configured and built with a copy of the installation,
-run in empty folders and print the known numbers; every public header compiles on its own; and so does the C++
-snippet of the manual, in a project like its reader's.
+run in empty folders and print the known numbers, built with CMake and one of them with pkg-config; every public header
+compiles on its own; and so does the C++ snippet of the manual, in a project like its reader's.
 
 usage: examples_test.py ISONEST [PLUGIN_FOLDER]
 """
 import math
+import os
 import pathlib
 import re
 import subprocess
@@ -81,6 +82,16 @@ with tempfile.TemporaryDirectory() as temporary:
         f"-DCMAKE_CXX_COMPILER={compiler}", "-DCMAKE_BUILD_TYPE=Release",
         f"-DCMAKE_CXX_FLAGS={' '.join(WARNINGS + flags)}")
     run("cmake", "--build", work / "build", "--parallel", "2")
+    # With pkg-config. The prefix is another than the one that was configured, so the paths are relative to the file.
+    libraries = prefix / (cache("CMAKE_INSTALL_LIBDIR") or "lib")
+    environment = {**os.environ, "PKG_CONFIG_PATH": str(libraries / "pkgconfig"), "LD_LIBRARY_PATH": str(libraries)}
+    version = run("pkg-config", "--modversion", "isonest", env=environment).strip()
+    check(version == cache("CMAKE_PROJECT_VERSION"), f"isonest.pc: version {version}")
+    asked = run("pkg-config", "--cflags", "--libs", "isonest", env=environment).split()
+    (work / "plain").mkdir()
+    run(compiler, "-std=c++20", "-O1", *WARNINGS, *flags, ROOT / "tools" / "examples" / "volume_in_memory.cpp", *asked, "-o",
+        work / "plain" / "x")
+    plain = run(work / "plain" / "x", cwd=work / "plain", env=environment)
     # Like a reader of the manual, in C++ only.
     snippets = re.findall(r"^```cpp\n(.*?)^```", (ROOT / "tools" / "MANUAL.md").read_text(encoding="utf-8"), re.M | re.S)
     check(len(snippets) == 1, f"MANUAL.md has {len(snippets)} pieces of C++")
@@ -106,6 +117,8 @@ with tempfile.TemporaryDirectory() as temporary:
         empty.mkdir()
         printed[program] = run(work / "build" / program, cwd=empty)
         print(f"{program}: {printed[program].strip()}")
+
+    check(plain == printed["volume_in_memory"], "volume_in_memory: another result when built with pkg-config")
 
     # A closed surface of genus 0 satisfies 2 V - T = 4.
     vertices, triangles, error = map(float, re.match(
