@@ -73,7 +73,7 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
     // One chunk is held, one more is in the cache.
     const std::uint64_t each = decode_heap(largest) + 2 * largest + kIndicatorBoxHeap;
     std::uint64_t least = each;
-    for (const StudyField& field : options.fields) {
+    for (const AnyField& field : options.fields) {
         if (options.iso) {
             const TraversalQuery query =
                 surface_query(store, *options.iso, std::get<Field>(field), 0);
@@ -89,7 +89,7 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
     shares.threads = static_cast<int>(threads);
     shares.cache = usable - threads * (each - 2 * largest);
     if (options.iso) {
-        for (const StudyField& field : options.fields) {
+        for (const AnyField& field : options.fields) {
             const TraversalBudget budget = share_memory(
                 store, surface_query(store, *options.iso, std::get<Field>(field), 0), nullptr,
                 MemoryShare(store.path().string(), options.memory, shares.threads).without(nodes),
@@ -100,9 +100,15 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
     return shares;
 }
 
+/// Whether a field of cells can be studied with these options.
+bool suit_cells(const StoreLayout& layout, const StudyOptions& options) {
+    return !options.plane && !options.power && !options.graphs &&
+           (!options.iso || layout.lattice().dimension() == 3);
+}
+
 /// Throws Error{invalid_argument} for invalid options.
 void require_sense(const StoreLayout& layout, const StudyOptions& options) {
-    for (const StudyField& field : options.fields) {
+    for (const AnyField& field : options.fields) {
         if (const Field* const stored = std::get_if<Field>(&field)) {
             if (is_of_cells(*stored) && !suit_cells(layout, options)) {
                 throw Error(ErrorKind::invalid_argument,
@@ -158,7 +164,7 @@ void require_shape(const StoreReader& store, const StudyOptions& options) {
     const std::string name = store.path().string();
     const bool computes =
         std::any_of(options.fields.begin(), options.fields.end(),
-                    [](const StudyField& f) { return std::holds_alternative<ComputedField>(f); });
+                    [](const AnyField& f) { return std::holds_alternative<ComputedField>(f); });
     for (const auto& [is_asked, what] :
          {std::pair{options.power.has_value(), "the study of true errors"},
           std::pair{options.graphs, "the distance of graphs"},
@@ -172,20 +178,16 @@ void require_shape(const StoreReader& store, const StudyOptions& options) {
 
 }  // namespace
 
-std::string name_of(const StudyField& field) {
-    const Field* const stored = std::get_if<Field>(&field);
-    return stored != nullptr ? std::string(name_of(*stored))
-                             : name_of(std::get<ComputedField>(field));
-}
-
-bool suit_cells(const StoreLayout& layout, const StudyOptions& options) {
-    return !options.plane && !options.power && !options.graphs &&
-           (!options.iso || layout.lattice().dimension() == 3);
-}
-
-Study study(const StoreReader& store, const StudyOptions& options, Progress& progress) {
+Study study(const StoreReader& store, StudyOptions options, Progress& progress) {
     const StoreLayout& layout = store.layout();
     require_numbers(store, "a study");
+    if (options.fields.empty()) {
+        for (const Field field : layout.header().fields) {
+            if (!is_of_cells(field) || suit_cells(layout, options)) {
+                options.fields.emplace_back(field);
+            }
+        }
+    }
     require_sense(layout, options);
     require_shape(store, options);
     std::optional<LatticePlane> plane;
@@ -211,7 +213,7 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
         if (options.power) {
             true_error.emplace(whole, layout.header().spacing, unit, *options.power);
         }
-        for (const StudyField& field : options.fields) {
+        for (const AnyField& field : options.fields) {
             const Field* const stored = std::get_if<Field>(&field);
             const bool cells = stored != nullptr && is_of_cells(*stored);
             const double largest = cells ? load_cell_numbers(whole, cache, *stored, progress)
@@ -254,3 +256,11 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
 }
 
 }  // namespace isonest::detail
+
+namespace isonest {
+
+Study study(const Store& store, const StudyOptions& options, Progress& progress) {
+    return detail::study(store.reader(), options, progress);
+}
+
+}  // namespace isonest

@@ -52,7 +52,7 @@ if len(commands) < 5:
     faults.append(f"the program's help names the commands {commands}")
 for document in (ROOT / "README.md", ROOT / "tools/MANUAL.md"):
     for paragraph in document.read_text(encoding="utf-8").split("\n\n"):
-        if re.search(r"cmake |tools/(bench|figures|install-deps|test)|put-bucket-cors|bwrap ", paragraph):
+        if re.search(r"cmake |pkg-config |tools/(bench|figures|install-deps|test)|put-bucket-cors|bwrap ", paragraph):
             continue  # other programs' options
         for option in set(re.findall(r"--[a-z][a-z-]+", paragraph)) - known:
             faults.append(f"{document.relative_to(ROOT)}: the program has no {option}: {paragraph}")
