@@ -128,11 +128,11 @@ Shares share(const StoreReader& store, const CheckOptions& options) {
 class Checker {
   public:
     Checker(const StoreReader& store, const CheckOptions& options, std::uint64_t cache,
-            Progress& progress)
+            Progress& progress, Communicator* ranks)
         : store_(store),
           layout_(store.layout()),
           options_(options),
-          share_{options.ranks},
+          share_{ranks},
           progress_(progress),
           cache_(store, cache),
           findings_(layout_.rows()) {}
@@ -410,14 +410,23 @@ class Checker {
 
 }  // namespace
 
-CheckReport check(const StoreReader& store, const CheckOptions& options, Progress& progress) {
+CheckReport check(const StoreReader& store, const CheckOptions& options, Progress& progress,
+                  Communicator* ranks) {
     if (options.source != nullptr) {
         require_same_shape(store, *options.source);
     }
     const Shares shares = share(store, options);
     return Workers(shares.threads).execute([&] {
-        return Checker(store, options, shares.cache, progress).run();
+        return Checker(store, options, shares.cache, progress, ranks).run();
     });
 }
 
 }  // namespace isonest::detail
+
+namespace isonest {
+
+CheckReport check(const Store& store, const CheckOptions& options, Progress& progress) {
+    return detail::check(store.reader(), options, progress);
+}
+
+}  // namespace isonest

@@ -1,7 +1,6 @@
 #include "query/extract/export.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cstdint>
@@ -13,7 +12,9 @@
 
 #include <isonest/error.h>
 
+#include "query/study/computed_field.h"
 #include "query/values/label_view.h"
+#include "query/values/node_fields.h"
 #include "query/values/node_sampler.h"
 #include "store/base/label_text.h"
 #include "store/base/memory.h"
@@ -109,7 +110,7 @@ void export_values(const StoreReader& store, const ArrayInfo& array, std::uint64
 
 /// Adds what fill_indicators() reads for a box and for no earlier box: a chunk belongs to the box
 /// that contains the first of its nodes, or the node before that.
-void want_indicators(const StoreLayout& layout, const ExportOptions& options, const Int3& box,
+void want_indicators(const StoreLayout& layout, Field field, int level, const Int3& box,
                      const Int3& lo, const Int3& size, std::vector<WantedChunk>& chunks) {
     const auto add = [&](const ArrayInfo& array) {
         const std::int64_t stride = std::int64_t{1} << array.level;
@@ -124,30 +125,30 @@ void want_indicators(const StoreLayout& layout, const ExportOptions& options, co
                         corner.z / box.z * box.z} == lo;
         });
     };
-    const bool derived = centre_suffices_at_level_1(options.field);
-    if (derived && options.level <= 1) {
+    const bool derived = centre_suffices_at_level_1(field);
+    if (derived && level <= 1) {
         add(layout.array(0, Field::values));
     }
-    for (int l = std::max(options.level, 1); l <= layout.lattice().top(); ++l) {
-        add(layout.array(l, options.field));
+    for (int l = std::max(level, 1); l <= layout.lattice().top(); ++l) {
+        add(layout.array(l, field));
     }
 }
 
-void export_indicator(const StoreReader& store, const ExportOptions& options, VolumeFile& file,
-                      Progress& progress) {
+void export_indicator(const StoreReader& store, Field field, const ExportOptions& options,
+                      VolumeFile& file, Progress& progress) {
     const ArrayInfo& values = store.layout().array(0, Field::values);
     const Shares shares = share(store, options.memory, values, sizeof(float),
                                 kIndicatorBoxHeap + held_for(file, values));
     ChunkCache cache(store, shares.cache);
     const auto want = [&](const Int3& lo, const Int3& size, std::vector<WantedChunk>& chunks) {
-        want_indicators(store.layout(), options, shares.box, lo, size, chunks);
+        want_indicators(store.layout(), field, options.level, shares.box, lo, size, chunks);
     };
     for_each_box(
         store, values.nodes, shares.box, progress, want, [&](const Int3& lo, const Int3& size) {
             Box<float> box(lo, size);
             for_each_block(lo, size, values.chunk, [&](const Int3& from, const Int3& count) {
                 Box<double> block(from, count);
-                fill_indicators(cache, options.field, options.level, block);
+                fill_indicators(cache, field, options.level, block);
                 for (std::int64_t i = 0; i < count.product(); ++i) {
                     box.at(from + count.unlinear(i)) =
                         round_up_to_float(block.data[static_cast<std::size_t>(i)]);
@@ -159,8 +160,13 @@ void export_indicator(const StoreReader& store, const ExportOptions& options, Vo
 
 }  // namespace
 
-void export_field(const StoreReader& store, const std::filesystem::path& path,
+Int3 export_field(const StoreReader& store, const std::filesystem::path& path,
                   const ExportOptions& options, Progress& progress) {
+    if (std::holds_alternative<ComputedField>(options.field)) {
+        export_computed_field(store, path, options, progress);
+        return store.layout().header().nodes;
+    }
+    const Field field = std::get<Field>(options.field);
     check_output(path, options.force, {store.path()});
     const StoreLayout& layout = store.layout();
     const StoreHeader& header = layout.header();
@@ -171,7 +177,7 @@ void export_field(const StoreReader& store, const std::filesystem::path& path,
     spec.frame = header.frame;
     spec.spacing = header.spacing;
     spec.force = options.force;
-    if (options.field == Field::values) {
+    if (field == Field::values) {
         const ArrayInfo& array = layout.array(options.level, Field::values);
         spec.nodes = array.nodes;
         spec.type = header.type;
@@ -184,29 +190,30 @@ void export_field(const StoreReader& store, const std::filesystem::path& path,
             export_values<typename decltype(tag)::type>(store, array, options.memory, *file,
                                                         progress);
         });
-        return file->finish();
+        file->finish();
+        return array.nodes;
     }
     require_numbers(store, "an indicator");
-    if (is_of_cells(options.field)) {
-        std::vector<Field> others = header.fields;
-        others.erase(std::remove_if(others.begin(), others.end(), is_of_cells), others.end());
-        throw Error(
-            ErrorKind::invalid_argument, {store.path().string()},
-            fmt::format("{} has a number for each cell, not for each node, and cannot be exported "
-                        "as a volume",
-                        name_of(options.field)),
-            {{RemedyKind::other_field, fmt::format("{}", fmt::join(names_of(others), ","))}});
-    }
-    // Throws an error that lists the existing fields, or levels, if the requested one does not
-    // exist.
-    if (layout.lattice().top() > 0 || !layout.has(options.field)) {
-        static_cast<void>(layout.array(std::max(options.level, 1), options.field));
+    require_field_of_nodes(store, field);
+    if (layout.lattice().top() > 0) {
+        // Throws an error that lists the existing levels if the requested one does not exist.
+        static_cast<void>(layout.array(std::max(options.level, 1), field));
     }
     spec.nodes = header.nodes;
     spec.type = ValueType::f32;
     const auto file = create_volume_file(path, spec);
-    export_indicator(store, options, *file, progress);
+    export_indicator(store, field, options, *file, progress);
     file->finish();
+    return header.nodes;
 }
 
 }  // namespace isonest::detail
+
+namespace isonest {
+
+Int3 export_field(const Store& store, const std::filesystem::path& path,
+                  const ExportOptions& options, Progress& progress) {
+    return detail::export_field(store.reader(), path, options, progress);
+}
+
+}  // namespace isonest

@@ -235,9 +235,17 @@ std::optional<GridMatrix<float>> assembled(const Lattice& lattice, GridOperator<
 }  // namespace
 
 NonlinearDiffusion::NonlinearDiffusion(const Lattice& lattice, const Double3& spacing,
-                                       std::vector<float> values, const DiffusionOptions& options)
+                                       std::vector<float> values, const SmoothOptions& options)
     : lattice_(lattice), spacing_(spacing), values_(std::move(values)), options_(options) {
     assert(static_cast<std::int64_t>(values_.size()) == lattice.nodes().product());
+    if (!options_.sigma) {
+        double nearest = std::numeric_limits<double>::infinity();
+        for (int axis = 0; axis < 3; ++axis) {
+            const double s = spacing.at(static_cast<std::size_t>(axis));
+            nearest = lattice.nodes()[axis] > 1 ? std::min(nearest, s) : nearest;
+        }
+        options_.sigma = nearest;
+    }
 }
 
 NodeSet NonlinearDiffusion::grid(Progress& progress) const {
@@ -245,7 +253,7 @@ NodeSet NonlinearDiffusion::grid(Progress& progress) const {
                                progress);
 }
 
-std::uint64_t NonlinearDiffusion::heap(const Lattice& lattice, const DiffusionOptions& options) {
+std::uint64_t NonlinearDiffusion::heap(const Lattice& lattice, const SmoothOptions& options) {
     const auto nodes = static_cast<std::uint64_t>(lattice.nodes().product());
     const std::uint64_t vectors = options.threshold > 0 ? kVectorsOfFewer : kVectors;
     const auto rows = static_cast<std::uint64_t>(lattice.nodes().y * lattice.nodes().z);
@@ -255,7 +263,7 @@ std::uint64_t NonlinearDiffusion::heap(const Lattice& lattice, const DiffusionOp
     return vectors * sizeof(float) * nodes + grid + nodes / 2;
 }
 
-DiffusionStep NonlinearDiffusion::step(Progress& progress) {
+SmoothStep NonlinearDiffusion::step(Progress& progress) {
     const NodeSet set = grid(progress);
     GridOperator<float> grid_operator(lattice_, spacing_, set, options_.threads);
     Workers& workers = grid_operator.workers();
@@ -263,7 +271,8 @@ DiffusionStep NonlinearDiffusion::step(Progress& progress) {
 
     // G_sigma * u at the active nodes.
     std::vector<float> smoothed = values_;
-    workers.execute([&] { smooth_gaussian(smoothed, lattice_.nodes(), spacing_, options_.sigma); });
+    workers.execute(
+        [&] { smooth_gaussian(smoothed, lattice_.nodes(), spacing_, *options_.sigma); });
     const auto active = [&](std::vector<float>&& all) {
         if (set.is_full()) {
             return std::move(all);
@@ -306,7 +315,7 @@ DiffusionStep NonlinearDiffusion::step(Progress& progress) {
     std::vector<float> p(n);
     std::vector<float> z(n);
 
-    DiffusionStep report;
+    SmoothStep report;
     report.unknowns = set.count();
     const Moments before = workers.execute([&] { return moments(mass, x); });
     double scale = 0;

@@ -16,6 +16,7 @@
 
 #include <isonest/int3.h>
 #include <isonest/progress.h>
+#include <isonest/smooth.h>
 
 #include "query/finite_elements/active_nodes.h"
 #include "store/lattice/lattice.h"
@@ -44,52 +45,33 @@ void restrict_to(const NodeSet& set, std::span<const float> all, std::span<float
 void prolong(const Lattice& lattice, const NodeSet& set, std::span<const float> active,
              std::span<float> all);
 
-struct DiffusionOptions {
-    double tau = 1;        ///< time of a step, squared world units; > 0
-    double lambda = 1;     ///< edges with gradients well above are preserved; values per world
-                           ///< unit; > 0
-    double sigma = 0;      ///< standard deviation of the Gaussian, world units; >= 0
-    double threshold = 0;  ///< nodes below are not refined; values per world unit; 0 = refine all
-    /// The residual, relative to that of the mean value as a solution.
-    double tolerance = 1e-6;
-    int max_iterations = 1000;  ///< per step
-    int threads = 0;            ///< 0 = all
-};
-
-/// Result of one step.
-struct DiffusionStep {
-    std::uint64_t unknowns = 0;  ///< active nodes
-    int iterations = 0;
-    double residual = 0;  ///< as DiffusionOptions::tolerance
-    double mean = 0;      ///< of the grid's function over the volume; preserved by a step
-    double variance = 0;  ///< of its lumped values; not increased by a step
-    double least = 0;     ///< smallest value
-    double largest = 0;
-};
-
 /// A function on a lattice that is smoothed step by step; the result is the same for any number of
 /// threads. Thread-safety: one thread.
 class NonlinearDiffusion {
   public:
     /// `values`: of all nodes, x fastest. REQUIRES: they are finite, one per node of the lattice;
-    /// lattice.dimension() > 0; options in the ranges given there.
+    /// lattice.dimension() > 0; options in the ranges given there. options.memory is not used: see
+    /// heap().
     NonlinearDiffusion(const Lattice& lattice, const Double3& spacing, std::vector<float> values,
-                       const DiffusionOptions& options);
+                       const SmoothOptions& options);
 
     /// Throws Error{limit, cancelled}; afterwards there are no values.
-    DiffusionStep step(Progress& progress);
+    SmoothStep step(Progress& progress);
     [[nodiscard]] std::span<const float> values() const { return values_; }
+    [[nodiscard]] const Lattice& lattice() const { return lattice_; }
+    /// With the standard deviation that is used.
+    [[nodiscard]] const SmoothOptions& options() const { return options_; }
     /// The grid that the next step would use.
     [[nodiscard]] NodeSet grid(Progress& progress) const;
 
     /// Maximum total size in bytes, including the values.
-    static std::uint64_t heap(const Lattice& lattice, const DiffusionOptions& options);
+    static std::uint64_t heap(const Lattice& lattice, const SmoothOptions& options);
 
   private:
     Lattice lattice_;
     Double3 spacing_;
     std::vector<float> values_;
-    DiffusionOptions options_;
+    SmoothOptions options_;
 };
 
 }  // namespace isonest::detail

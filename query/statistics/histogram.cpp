@@ -15,28 +15,6 @@
 
 namespace isonest::detail {
 
-ValueBins::ValueBins(ValueType type, double lowest, double highest)
-    : end(highest), integer(type != ValueType::f32 && type != ValueType::f64) {
-    if (!(lowest <= highest)) {
-        return;
-    }
-    if (integer) {
-        const double numbers = highest - lowest + 1;
-        const double width = std::ceil(numbers / kMaxBins);
-        const auto count = static_cast<int>(std::ceil(numbers / width));
-        for (int k = 0; k < count; ++k) {
-            low.push_back(lowest + k * width);
-        }
-        end = low.back() + width;
-        return;
-    }
-    const int count = lowest < highest ? kMaxBins : 1;
-    for (int k = 0; k < count; ++k) {
-        // Ascending, and finite even if the difference of the ends is not.
-        low.push_back(std::lerp(lowest, highest, static_cast<double>(k) / count));
-    }
-}
-
 BinFinder::BinFinder(const ValueBins& bins)
     : bins_(&bins), first_(bins.low.front()), last_(bins.count() - 1) {
     per_half_ = bins.integer ? bins.count() / (bins.end - first_)
@@ -417,3 +395,33 @@ Histogram histogram(const StoreReader& store, const HistogramOptions& options, P
 }
 
 }  // namespace isonest::detail
+
+namespace isonest {
+
+ValueBins::ValueBins(ValueType type, double lowest, double highest)
+    : end(highest), integer(type != ValueType::f32 && type != ValueType::f64) {
+    if (!(lowest <= highest)) {
+        return;
+    }
+    if (integer) {
+        const double numbers = highest - lowest + 1;
+        const double width = std::ceil(numbers / detail::kMaxBins);
+        const auto count = static_cast<int>(std::ceil(numbers / width));
+        for (int k = 0; k < count; ++k) {
+            low.push_back(lowest + k * width);
+        }
+        end = low.back() + width;
+        return;
+    }
+    const int count = lowest < highest ? detail::kMaxBins : 1;
+    for (int k = 0; k < count; ++k) {
+        // Ascending, and finite even if the difference of the ends is not.
+        low.push_back(std::lerp(lowest, highest, static_cast<double>(k) / count));
+    }
+}
+
+Histogram histogram(const Store& store, const HistogramOptions& options, Progress& progress) {
+    return detail::histogram(store.reader(), options, progress);
+}
+
+}  // namespace isonest

@@ -9,6 +9,7 @@
 #include <type_traits>
 #include <vector>
 
+#include <isonest/histogram.h>
 #include <isonest/progress.h>
 #include <isonest/value_type.h>
 
@@ -21,23 +22,6 @@ namespace isonest::detail {
 
 /// Maximum number of bins of a histogram.
 inline constexpr int kMaxBins = 256;
-
-/// Bins between the smallest and the largest value. For integers, each bin has as many whole
-/// numbers as needed to keep within kMaxBins (one, if the values are less than 256 apart; the last
-/// bin may have fewer). For other types there are kMaxBins bins of equal width, or one if all
-/// values are the same.
-struct ValueBins {
-    /// The smallest value of each bin, ascending. Some may be equal if doubles cannot distinguish
-    /// them; all but the last of these bins then stay empty. Empty if there is no value.
-    std::vector<double> low;
-    double end = 0;  ///< end of the last bin: for integers the next one, otherwise the last value
-    bool integer = false;  ///< whole numbers
-
-    ValueBins() = default;
-    /// For values of this type from `lowest` to `highest`; no bins if lowest > highest.
-    ValueBins(ValueType type, double lowest, double highest);
-    [[nodiscard]] int count() const { return static_cast<int>(low.size()); }
-};
 
 /// Thread-safety: const methods from any thread.
 class BinFinder {
@@ -129,13 +113,6 @@ class ValueCounts {
 // Computer Graphics 14 (2008): by the coarea formula the number of nodes within a bin is the
 // surface's area over the gradient, so cubes over nodes is that mean, the harmonic one.
 
-struct SuggestedIsovalue {
-    double isovalue = 0;
-    std::uint64_t cubes = 0;  ///< number of cubes that intersect its surface
-
-    bool operator==(const SuggestedIsovalue&) const = default;
-};
-
 /// The peaks of the ratio of cubes to nodes, at most five, the most prominent first:
 /// 1. Neighbouring bins are merged until they have 1/65536 of the nodes, and at least 64. Only
 ///    those are kept whose surface has at least 1/100 of the cubes of the largest surface.
@@ -152,38 +129,7 @@ std::vector<SuggestedIsovalue> suggest_isovalues(const ValueBins& bins,
 /// By default, the finest level is used that has at most this many nodes in the volume.
 inline constexpr std::int64_t kMaxHistogramNodes = std::int64_t{1} << 28;
 
-struct HistogramOptions {
-    std::optional<int> level = {};  ///< level whose values are counted
-    /// Count cubes between the nodes that are read, even if the store has ranges.
-    bool own_cubes = false;
-    std::uint64_t memory = std::uint64_t{512} << 20U;
-    int threads = 0;
-};
-
-/// Does not depend on the threads or the memory.
-struct Histogram {
-    int dimension = 3;          ///< 3 less the flat axes
-    int level = 0;              ///< level whose nodes in the volume were read: every 2^level-th
-    std::uint64_t looked = 0;   ///< number of nodes read
-    std::uint64_t missing = 0;  ///< number of these that are missing
-    ValueBins bins;             ///< between the smallest and the largest value of all levels
-    /// For a store whose values represent 64-bit labels: the smallest label; `bins` are then
-    /// relative to it. There are no cubes and no suggestions.
-    std::optional<std::int64_t> first_label = {};
-    std::vector<std::uint64_t> nodes;  ///< of each bin
-    /// Level of the cubes below (squares or edges, if axes are flat): that of the nodes if it is 0
-    /// or own_cubes was requested, counted from their corners that are not missing; otherwise that
-    /// of the finest stored ranges; nothing if the store has none.
-    std::optional<int> cube_level;
-    /// For each bin, the number of cubes that intersect the isosurface at its smallest value; too
-    /// many are counted only where values are missing, or ranges of 32- and 64-bit numbers are
-    /// rounded. Empty without cube_level.
-    std::vector<std::uint64_t> cubes;
-    std::vector<SuggestedIsovalue> suggested;
-};
-
-/// Reads every value of one level once or, if the memory is too small for two layers of chunks,
-/// twice. Throws Error{not_found} if there is no such level, Error{corrupt, limit, cancelled}.
+/// See <isonest/histogram.h>.
 Histogram histogram(const StoreReader& store, const HistogramOptions& options, Progress& progress);
 
 }  // namespace isonest::detail

@@ -93,6 +93,10 @@ void sum_factors(const Lattice& lattice, const Double3& spacing, double power,
 
 }  // namespace
 
+}  // namespace isonest::detail
+
+namespace isonest {
+
 std::optional<ComputedField> computed_field_from_name(std::string_view name) {
     ComputedField field;
     for (const Saturation saturation : {Saturation::bar, Saturation::plus}) {
@@ -116,7 +120,7 @@ std::optional<ComputedField> computed_field_from_name(std::string_view name) {
     field.indicator = name.starts_with(lp) ? ComputedIndicator::lp : ComputedIndicator::grad_lp;
     name.remove_prefix(name.starts_with(lp) ? lp.size() : grad.size());
     if (name == "inf") {
-        field.power = kInfinity;
+        field.power = std::numeric_limits<double>::infinity();
         return field;
     }
     const auto [end, error] = std::from_chars(name.data(), name.data() + name.size(), field.power);
@@ -148,6 +152,16 @@ std::string name_of(const ComputedField& field) {
     }
     return name;
 }
+
+std::string name_of(const AnyField& field) {
+    const Field* const stored = std::get_if<Field>(&field);
+    return stored != nullptr ? std::string(name_of(*stored))
+                             : name_of(std::get<ComputedField>(field));
+}
+
+}  // namespace isonest
+
+namespace isonest::detail {
 
 OffsetFactors::OffsetFactors(const Lattice& lattice, const Double3& spacing,
                              const ComputedField& field)
@@ -404,7 +418,7 @@ double compute_indicator(WholeLattice& whole, const ComputedField& field, const 
 }
 
 void export_computed_field(const StoreReader& store, const std::filesystem::path& path,
-                           const ExportComputedOptions& options, Progress& progress) {
+                           const ExportOptions& options, Progress& progress) {
     require_numbers(store, "an indicator");
     check_output(path, options.force, {store.path()});
     const StoreLayout& layout = store.layout();
@@ -437,7 +451,7 @@ void export_computed_field(const StoreReader& store, const std::filesystem::path
         ChunkCache cache(store, 2 * largest);
         whole.load_values(cache);
     }
-    compute_indicator(whole, options.field, header.spacing, progress);
+    compute_indicator(whole, std::get<ComputedField>(options.field), header.spacing, progress);
     progress.begin("export", static_cast<std::uint64_t>(n.z), "planes");
     std::vector<float> plane(static_cast<std::size_t>(n.x * n.y));
     for (std::int64_t z = 0; z < n.z; ++z) {

@@ -10,6 +10,8 @@
 #include <string>
 #include <string_view>
 
+#include <isonest/computed_field.h>
+#include <isonest/export_field.h>
 #include <isonest/field.h>
 #include <isonest/int3.h>
 #include <isonest/progress.h>
@@ -19,26 +21,6 @@
 #include "store/lattice/lattice.h"
 
 namespace isonest::detail {
-
-/// d is the offset: the value at the node minus the mean of the values at the ends of its
-/// refinement edge.
-enum class ComputedIndicator : std::uint8_t {
-    lp,        ///< eta_p = |d| (sum of |T|)^(1/p) / (n + 1); |d| if p is infinite
-    grad_lp,   ///< eta_{1,p} = |d| (integral of |grad hat|^p)^(1/p); |d| max |grad hat|
-    gradient,  ///< |grad U| at the node, by central differences on the finest lattice
-    curvature  ///< sqrt(k1^2 + k2^2) of the isosurface through the node, by the same; 0 where the
-               ///< gradient is
-};
-
-struct ComputedField {
-    ComputedIndicator indicator = ComputedIndicator::lp;
-    double power = 1;                      ///< of lp and grad_lp: at least 1, or infinite
-    std::optional<Saturation> saturation;  ///< nothing: not saturated
-};
-
-/// Names such as "lp:3", "grad_lp:1.5_bar", "lp:inf_plus", "gradient", "curvature_bar".
-std::optional<ComputedField> computed_field_from_name(std::string_view name);
-std::string name_of(const ComputedField& field);
 
 /// The factor of |d| for lp and grad_lp, for each kind of refinement node.
 class OffsetFactors {
@@ -73,18 +55,12 @@ double compute_indicator(WholeLattice& whole, const ComputedField& field, const 
 
 // Exports indicators that are not stored to plain volume files.
 
-struct ExportComputedOptions {
-    ComputedField field;
-    int level = 0;  ///< only nodes of this level or coarser; 0 or 1 = all
-    bool force = false;
-    std::uint64_t memory = std::uint64_t{256} << 20U;
-};
-
 /// Writes the indicator at the nodes of the finest lattice as float32, 0 at the macro vertices, not
 /// saturated if the field is not. The file type is given by the name: see create_volume_file().
 /// Throws Error{limit} if the lattice does not fit into the memory (about 20 bytes per node), and
-/// Error{invalid_argument, io, corrupt, cancelled}.
+/// Error{invalid_argument, io, corrupt, cancelled}. REQUIRES: options.field
+/// is computed.
 void export_computed_field(const StoreReader& store, const std::filesystem::path& path,
-                           const ExportComputedOptions& options, Progress& progress);
+                           const ExportOptions& options, Progress& progress);
 
 }  // namespace isonest::detail

@@ -75,10 +75,19 @@ Shares share(const StoreReader& store, const StudyOptions& options, std::optiona
     const std::uint64_t largest = largest_chunk_bytes(layout);
     // One chunk is held, one more is in the cache.
     const std::uint64_t each = decode_heap(largest) + 2 * largest + kIndicatorBoxHeap;
+<<<<<<< HEAD
     std::vector<TraversalQuery> extractions;
     for (const StudyField& field : options.fields) {
         if (options.iso && is_of_cells(field)) {
             extractions.push_back(surface_query(store, *options.iso, std::get<Field>(field), 0));
+=======
+    std::uint64_t least = each;
+    for (const AnyField& field : options.fields) {
+        if (options.iso) {
+            const TraversalQuery query =
+                surface_query(store, *options.iso, std::get<Field>(field), 0);
+            least = std::max(least, min_heap(store, query, nullptr));
+>>>>>>> w-pub
         }
     }
     std::uint64_t least = each;
@@ -86,6 +95,7 @@ Shares share(const StoreReader& store, const StudyOptions& options, std::optiona
         least = std::max(least, min_heap(store, query, nullptr));
     }
     Shares shares;
+<<<<<<< HEAD
     const std::string what = "a study of this volume";
     const MemoryShare memory =
         MemoryShare(store.path().string(), options.memory, Workers::count_of(options.threads))
@@ -99,13 +109,36 @@ Shares share(const StoreReader& store, const StudyOptions& options, std::optiona
         const TraversalBudget budget =
             share_memory(store, query, nullptr, memory.with_threads(shares.threads), false);
         shares = {budget.threads, std::min(shares.cache, budget.cache), budget.part_vertices};
+=======
+    require_memory(store.path().string(), options.memory, kLibraryHeap + nodes + least,
+                   "a study of this volume", {{RemedyKind::smaller_box}});
+    const std::uint64_t usable = options.memory - kLibraryHeap - nodes;
+    const auto threads = std::clamp<std::uint64_t>(
+        usable / each, 1, static_cast<std::uint64_t>(Workers::count_of(options.threads)));
+    shares.threads = static_cast<int>(threads);
+    shares.cache = usable - threads * (each - 2 * largest);
+    if (options.iso) {
+        for (const AnyField& field : options.fields) {
+            const TraversalBudget budget = share_memory(
+                store, surface_query(store, *options.iso, std::get<Field>(field), 0), nullptr,
+                MemoryShare(store.path().string(), options.memory, shares.threads).without(nodes),
+                false);
+            shares = {budget.threads, std::min(shares.cache, budget.cache), budget.part_vertices};
+        }
+>>>>>>> w-pub
     }
     return shares;
 }
 
+/// Whether a field of cells can be studied with these options.
+bool suit_cells(const StoreLayout& layout, const StudyOptions& options) {
+    return !options.plane && !options.power && !options.graphs &&
+           (!options.iso || layout.lattice().dimension() == 3);
+}
+
 /// Throws Error{invalid_argument} for invalid options.
 void require_sense(const StoreLayout& layout, const StudyOptions& options) {
-    for (const StudyField& field : options.fields) {
+    for (const AnyField& field : options.fields) {
         if (const Field* const stored = std::get_if<Field>(&field)) {
             if (is_of_cells(field) && !suit_cells(layout, options)) {
                 throw Error(ErrorKind::invalid_argument,
@@ -157,7 +190,7 @@ void require_shape(const StoreReader& store, const StudyOptions& options) {
     const std::string name = store.path().string();
     const bool computes =
         std::any_of(options.fields.begin(), options.fields.end(),
-                    [](const StudyField& f) { return std::holds_alternative<ComputedField>(f); });
+                    [](const AnyField& f) { return std::holds_alternative<ComputedField>(f); });
     for (const auto& [is_asked, what] :
          {std::pair{options.power.has_value(), "the study of true errors"},
           std::pair{options.graphs, "the distance of graphs"},
@@ -171,20 +204,16 @@ void require_shape(const StoreReader& store, const StudyOptions& options) {
 
 }  // namespace
 
-std::string name_of(const StudyField& field) {
-    const Field* const stored = std::get_if<Field>(&field);
-    return stored != nullptr ? std::string(name_of(*stored))
-                             : name_of(std::get<ComputedField>(field));
-}
-
-bool suit_cells(const StoreLayout& layout, const StudyOptions& options) {
-    return !options.plane && !options.power && !options.graphs &&
-           (!options.iso || layout.lattice().dimension() == 3);
-}
-
-Study study(const StoreReader& store, const StudyOptions& options, Progress& progress) {
+Study study(const StoreReader& store, StudyOptions options, Progress& progress) {
     const StoreLayout& layout = store.layout();
     require_numbers(store, "a study");
+    if (options.fields.empty()) {
+        for (const Field field : layout.header().fields) {
+            if (!is_of_cells(field) || suit_cells(layout, options)) {
+                options.fields.emplace_back(field);
+            }
+        }
+    }
     require_sense(layout, options);
     require_shape(store, options);
     std::optional<LatticePlane> plane;
@@ -219,7 +248,7 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
         if (options.power) {
             true_error.emplace(whole, layout.header().spacing, unit, *options.power);
         }
-        for (const StudyField& field : options.fields) {
+        for (const AnyField& field : options.fields) {
             const Field* const stored = std::get_if<Field>(&field);
             const bool cells = is_of_cells(field);
             const double largest = cells ? load_cell_numbers(whole, cache, *stored, progress)
@@ -267,3 +296,11 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
 }
 
 }  // namespace isonest::detail
+
+namespace isonest {
+
+Study study(const Store& store, const StudyOptions& options, Progress& progress) {
+    return detail::study(store.reader(), options, progress);
+}
+
+}  // namespace isonest

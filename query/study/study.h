@@ -1,26 +1,23 @@
+<<<<<<< HEAD
 // The quality of the indicators: the comparison of the paper's section 6.
 //
 // Source: Gerstner, Rumpf, Weikard (2000), section 6: the number of cells k and the error of the
 // projection P U as functions of the threshold, and the efficiency E = 1 / (k ||P U - U||). There k
 // is the number of visited cells, including those of coarser levels, and indicators are compared at
 // the same threshold. Here the same quotient is also given for the mesh's elements.
+=======
+// The comparison of indicators: see <isonest/study.h>.
+>>>>>>> w-pub
 #pragma once
 
-#include <optional>
-#include <string>
-#include <variant>
-#include <vector>
-
 #include <isonest/progress.h>
-#include <isonest/world.h>
+#include <isonest/study.h>
 
-#include "query/study/computed_field.h"
-#include "query/study/true_error.h"
-#include "query/study/whole_lattice.h"
 #include "store/container/reader.h"
 
 namespace isonest::detail {
 
+<<<<<<< HEAD
 /// What is compared: a field of the store, or one computed from the values.
 using StudyField = std::variant<Field, ComputedField>;
 std::string name_of(const StudyField& field);
@@ -88,5 +85,8 @@ struct Study {
 /// fit into the memory (about 20 bytes per node), Error{invalid_argument} if the plane misses the
 /// volume, and Error{invalid_argument, corrupt, io, cancelled}.
 Study study(const StoreReader& store, const StudyOptions& options, Progress& progress);
+=======
+Study study(const StoreReader& store, StudyOptions options, Progress& progress);
+>>>>>>> w-pub
 
 }  // namespace isonest::detail

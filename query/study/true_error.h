@@ -10,6 +10,7 @@
 #include <span>
 
 #include <isonest/int3.h>
+#include <isonest/study.h>
 
 #include "query/study/whole_lattice.h"
 #include "query/traverse/adapt_traverse.h"
@@ -70,13 +71,6 @@ std::array<Int3, D + 1> finest_element(const Int3& cell, const AxisWalk<D>& walk
     }
     return v;
 }
-
-/// Norms over the elements of the finest level without missing data.
-struct TrueNorms {
-    double value = 0;     ///< of P U - U in L^p, relative to the range and the volume's size^(1/p)
-    double gradient = 0;  ///< of grad P U - grad U in L^p, relative to that of grad U
-    double gradient_linf = 0;  ///< its largest length, relative to that of grad U
-};
 
 class TrueError {
   public:

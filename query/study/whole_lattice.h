@@ -14,6 +14,7 @@
 
 #include <isonest/int3.h>
 #include <isonest/progress.h>
+#include <isonest/study.h>
 
 #include "query/traverse/adapt_traverse.h"
 #include "query/traverse/interest.h"
@@ -78,13 +79,6 @@ class NodeIndex {
     };
     std::vector<Region> regions_;
     std::size_t count_ = 0;
-};
-
-/// Norms of P U - U, relative to a range of values and to the size of the domain.
-struct ErrorNorms {
-    double l1 = 0;
-    double l2 = 0;
-    double linf = 0;
 };
 
 class WholeLattice {

@@ -1,8 +1,15 @@
 #include "query/values/node_sampler.h"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include <algorithm>
+#include <vector>
+
+#include <isonest/error.h>
 
 #include "query/values/brick_view.h"
+#include "query/values/node_fields.h"
 #include "query/values/topology.h"
 #include "store/container/chunk_cache.h"
 
@@ -206,9 +213,10 @@ void fill_finest(ChunkCache& cache, Field field, Box<double>& box) {
     }
 }
 
-/// Fills the nodes of one level with all slots stored.
-void fill_level(ChunkCache& cache, const ArrayInfo& array, Box<double>& box) {
-    const std::int64_t scale = std::int64_t{1} << (array.level - 1);
+/// Fills the nodes of one level with all slots stored. The box has coordinates of the lattice of
+/// stride 2^shift.
+void fill_level(ChunkCache& cache, const ArrayInfo& array, Box<double>& box, int shift) {
+    const std::int64_t scale = std::int64_t{1} << (array.level - 1 - shift);
     const Int3 scales{scale, scale, scale};
     const Int3 reach = cache.source().layout().lattice().cells_at(array.level) * 2;
     // In units of the scale.
@@ -245,7 +253,32 @@ void fill_indicators(ChunkCache& cache, Field field, int level, Box<double>& box
                  [&](auto tag) { fill_finest<typename decltype(tag)::type>(cache, field, box); });
     }
     for (int l = std::max(level, derived ? 2 : 1); l <= top; ++l) {
-        fill_level(cache, layout.array(l, field), box);
+        fill_level(cache, layout.array(l, field), box, 0);
+    }
+}
+
+void fill_indicators_at(ChunkCache& cache, Field field, int level, Box<double>& box) {
+    if (level == 0) {
+        return fill_indicators(cache, field, 1, box);
+    }
+    const StoreLayout& layout = cache.source().layout();
+    for (int l = level + 1; l <= layout.lattice().top(); ++l) {
+        fill_level(cache, layout.array(l, field), box, level);
+    }
+}
+
+void require_field_of_nodes(const StoreReader& store, Field field) {
+    const StoreLayout& layout = store.layout();
+    if (field == Field::values || is_of_cells(field)) {
+        std::vector<Field> others = layout.header().fields;
+        others.erase(std::remove_if(others.begin(), others.end(), is_of_cells), others.end());
+        throw Error(
+            ErrorKind::invalid_argument, {store.path().string()},
+            fmt::format("{} is not an indicator of nodes", name_of(field)),
+            {{RemedyKind::other_field, fmt::format("{}", fmt::join(names_of(others), ","))}});
+    }
+    if (!layout.has(field)) {
+        static_cast<void>(layout.array(1, field));  // throws, naming the fields
     }
 }
 

@@ -169,7 +169,8 @@ TEST_CASE("a step of diffusion is the solution of the assembled system") {
     for (const double threshold : {0.0, 60.0}) {
         CAPTURE(threshold);
         const std::vector<float> before = image(n);
-        DiffusionOptions options;
+        SmoothOptions options;
+        options.sigma = 0;
         options.tau = 0.3;
         options.lambda = 15;
         options.threshold = threshold;
@@ -177,7 +178,7 @@ TEST_CASE("a step of diffusion is the solution of the assembled system") {
         NonlinearDiffusion diffusion(lattice, spacing, before, options);
         const NodeSet set = diffusion.grid(silent_progress());
         CHECK(set.is_full() == (threshold == 0));
-        const DiffusionStep report = diffusion.step(silent_progress());
+        const SmoothStep report = diffusion.step(silent_progress());
         CHECK(report.unknowns == set.count());
         const ExplicitGrid<3> grid(lattice, [&](const Int3& p, int) { return set.contains(p); });
         REQUIRE(grid.count() == set.count());
@@ -227,7 +228,8 @@ TEST_CASE(
     const Lattice lattice(n);
     for (const double threshold : {0.0, 40.0}) {
         CAPTURE(threshold);
-        DiffusionOptions options;
+        SmoothOptions options;
+        options.sigma = 0;
         options.tau = 2;
         options.lambda = 10;
         options.threshold = threshold;
@@ -245,7 +247,7 @@ TEST_CASE(
                                        [&](const Int3& p, int) { return set.contains(p); });
             const double before = energy(grid, {1, 1, 1}, n, one.values(), options.lambda);
             const std::vector<float> first(one.values().begin(), one.values().end());
-            const DiffusionStep report = one.step(silent_progress());
+            const SmoothStep report = one.step(silent_progress());
             three.step(silent_progress());
             CHECK(std::equal(one.values().begin(), one.values().end(), three.values().begin()));
             CHECK(energy(grid, {1, 1, 1}, n, one.values(), options.lambda) < before);
@@ -271,8 +273,9 @@ TEST_CASE(
         }
     }
     NonlinearDiffusion constant(
-        lattice, {1, 1, 1}, std::vector<float>(static_cast<std::size_t>(n.product()), 7.25F), {});
-    const DiffusionStep report = constant.step(silent_progress());
+        lattice, {1, 1, 1}, std::vector<float>(static_cast<std::size_t>(n.product()), 7.25F),
+        {.sigma = 0.0});
+    const SmoothStep report = constant.step(silent_progress());
     CHECK(report.iterations == 0);
     CHECK(std::all_of(constant.values().begin(), constant.values().end(),
                       [](float v) { return v == 7.25F; }));
@@ -297,7 +300,8 @@ TEST_CASE("in a plane with equal spacings no value leaves the range, with a thre
     for (const double threshold : {0.0, 15.0, 40.0}) {
         for (const double tau : {0.05, 0.5, 8.0}) {
             CAPTURE(threshold, tau);
-            DiffusionOptions options;
+            SmoothOptions options;
+            options.sigma = 0;
             options.tau = tau;
             options.lambda = 10;
             options.threshold = threshold;
@@ -307,7 +311,7 @@ TEST_CASE("in a plane with equal spacings no value leaves the range, with a thre
                     std::minmax_element(diffusion.values().begin(), diffusion.values().end());
                 const double least = *low;
                 const double largest = *high;
-                const DiffusionStep report = diffusion.step(silent_progress());
+                const SmoothStep report = diffusion.step(silent_progress());
                 CHECK((report.unknowns < static_cast<std::uint64_t>(n.product())) ==
                       (threshold > 0));
                 CHECK(report.least >= least - 1e-4);

@@ -38,7 +38,7 @@ ROOMS = {
               "slabs": {"values", "march", "mesh", "apart"},
               "distance": {"values", "march", "simplify", "traverse"},
               "extract": {"values", "march", "mesh", "apart", "simplify", "traverse", "distance", "slabs", "ranks",
-                          "statistics", "surface_nets", "neuroglancer"}},
+                          "statistics", "study", "surface_nets", "neuroglancer"}},
 }
 # Rooms within a room, each with those that it may include in addition to itself; every folder there is one of them.
 SHARED = {"bytes": set(), "wrapping": {"bytes"}, "numbers": {"bytes", "wrapping"}, "placement": {"bytes", "numbers", "wrapping"}}

@@ -54,7 +54,7 @@ mentioned = 0
 for document in (ROOT / "README.md", ROOT / "tools/MANUAL.md"):
     name = document.relative_to(ROOT)
     for paragraph in document.read_text(encoding="utf-8").split("\n\n"):
-        if re.search(r"cmake |tools/(bench|figures|install-deps|test)|put-bucket-cors|bwrap ", paragraph):
+        if re.search(r"cmake |pkg-config |tools/(bench|figures|install-deps|test)|put-bucket-cors|bwrap ", paragraph):
             continue  # other programs' options
         for option in set(re.findall(r"--[a-z][a-z-]+", paragraph)) - forms.keys() - {"--version"}:
             faults.append(f"{name}: the program has no {option}: {paragraph}")

@@ -1,10 +1,11 @@
 """The installed package works for its users: tools/examples are configured and built with a copy of the installation,
-run in empty folders and print the known numbers; every public header compiles on its own; and so does the C++
-snippet of the manual, in a project like its reader's.
+run in empty folders and print the known numbers, built with CMake and one of them with pkg-config; every public header
+compiles on its own; and so does the C++ snippet of the manual, in a project like its reader's.
 
 usage: examples_test.py ISONEST [PLUGIN_FOLDER]
 """
 import math
+import os
 import pathlib
 import re
 import subprocess
@@ -81,6 +82,16 @@ with tempfile.TemporaryDirectory() as temporary:
         f"-DCMAKE_CXX_COMPILER={compiler}", "-DCMAKE_BUILD_TYPE=Release",
         f"-DCMAKE_CXX_FLAGS={' '.join(WARNINGS + flags)}")
     run("cmake", "--build", work / "build", "--parallel", "2")
+    # With pkg-config. The prefix is another than the one that was configured, so the paths are relative to the file.
+    libraries = prefix / (cache("CMAKE_INSTALL_LIBDIR") or "lib")
+    environment = {**os.environ, "PKG_CONFIG_PATH": str(libraries / "pkgconfig"), "LD_LIBRARY_PATH": str(libraries)}
+    version = run("pkg-config", "--modversion", "isonest", env=environment).strip()
+    check(version == cache("CMAKE_PROJECT_VERSION"), f"isonest.pc: version {version}")
+    asked = run("pkg-config", "--cflags", "--libs", "isonest", env=environment).split()
+    (work / "plain").mkdir()
+    run(compiler, "-std=c++20", "-O1", *WARNINGS, *flags, ROOT / "tools" / "examples" / "volume_in_memory.cpp", *asked,
+        "-o", work / "plain" / "x")
+    plain = run(work / "plain" / "x", cwd=work / "plain", env=environment)
     # Like a reader of the manual, in C++ only.
     snippets = re.findall(r"^```cpp\n(.*?)^```", (ROOT / "tools" / "MANUAL.md").read_text(encoding="utf-8"), re.M | re.S)
     check(len(snippets) == 1, f"MANUAL.md has {len(snippets)} pieces of C++")
@@ -107,6 +118,8 @@ with tempfile.TemporaryDirectory() as temporary:
         printed[program] = run(work / "build" / program, cwd=empty)
         print(f"{program}: {printed[program].strip()}")
 
+    check(plain == printed["volume_in_memory"], "volume_in_memory: another result when built with pkg-config")
+
     # A closed surface of genus 0 satisfies 2 V - T = 4.
     vertices, triangles, error = map(float, re.match(
         r"(\d+) vertices, (\d+) triangles, error at most ([\d.e+-]+)$", printed["volume_in_memory"]).groups())
@@ -120,6 +133,26 @@ with tempfile.TemporaryDirectory() as temporary:
     check(math.isclose(area, 19.5 * 14.5, abs_tol=1e-3), "slice_callback: the area")
     check(math.isclose(mean, 19.5 / 2 + 2 * 14.5 / 2 + 3 * 4.25, abs_tol=1), "slice_callback: the mean")
     check(triangles < 39 * 29, "slice_callback: a linear function needs few triangles")
+
+    # u = x + 2 y + 3 z: at (2, 2, 4) + (2 i, 2 j, 0), nowhere an error, and exact between nodes.
+    check(printed["values_and_points"] == "level 2: 18 20 22 22 24 26\nlargest indicator of 35937 nodes: 0\n"
+          "points: 1.4 41 nan\nhistogram: 256 bins, 35937 nodes\n", "values_and_points")
+
+    shown = printed["check_and_study"]
+    check(shown.startswith("check: 0 findings\n") and shown.endswith("check: checksum\n"), "check_and_study: findings")
+    rows = [(field, int(leaves), float(error)) for field, leaves, error in
+            re.findall(r"study: (\w+) [\d.]+: (\d+) elements, error ([\d.e-]+)\n", shown)]
+    check(len(rows) == 10, f"check_and_study: {len(rows)} rows")
+    for (field, leaves, error), (other, more, less) in zip(rows, rows[1:]):
+        check(field != other or (leaves < more and error > less), f"check_and_study: errors and elements: {shown}")
+    steps = re.findall(r"smooth: step \d, mean ([\d.]+), variance ([\d.]+)\n", shown)
+    check(len({mean for mean, _ in steps}) == 1 and [v for _, v in steps] == sorted((v for _, v in steps), reverse=True)
+          and len({v for _, v in steps}) == 3, "check_and_study: the mean is kept, and the variance falls")
+    left, right = map(float, re.search(r"smooth: (-?[\d.]+) at the left of the step, ([\d.]+) at", shown).groups())
+    check(abs(left) < 0.1 and abs(right - 1) < 0.1, "check_and_study: the step is smoothed away")
+    check("export: 17 x 17 x 17 nodes\n" in shown, "check_and_study: export")
+    half = (work / "check_and_study" / "half.npy").read_bytes()
+    check(half.startswith(b"\x93NUMPY") and len(half) >= 4 * 17**3, "check_and_study: half.npy")
 
     # The gyroid on 70 x 80 x 90 nodes, 0.1 apart: the length stored in the file, and the refusal.
     glb = (work / "own_source" / "gyroid.glb").read_bytes()

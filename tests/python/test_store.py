@@ -48,6 +48,46 @@ def test_slices_in_array_and_world_coordinates(tmp_path, noise):
     np.testing.assert_array_equal(world.normals, array.normals[:, ::-1])
 
 
+def test_values_between_nodes_and_at_nodes(tmp_path, noise):
+    from scipy.ndimage import map_coordinates
+    isonest.preprocess(noise, tmp_path / "x", spacing=(2, 1, 0.5), origin=(100, 200, 300))
+    store = isonest.open(tmp_path / "x")
+    shape = np.array(noise.shape)
+    index = np.random.default_rng(1).uniform(0, 1, (50, 20, 3)) * (shape - 1)
+    steps = np.array([2, 1, 0.5])
+    trilinear = store.sample(index * steps, cells="hex")
+    assert trilinear.shape == (50, 20)
+    np.testing.assert_allclose(trilinear, map_coordinates(noise.astype(float), index.reshape(-1, 3).T,
+                                                          order=1).reshape(50, 20), atol=1e-6)
+    world = (index * steps)[..., ::-1] + [300, 200, 100]
+    linear = store.sample(index * steps)
+    np.testing.assert_array_equal(store.sample(world, coordinates="world"), linear)
+    assert abs(linear - trilinear).max() < np.ptp(noise) and (linear != trilinear).any()
+    nodes = np.array([[0, 0, 0], shape - 1, [3, 4, 5]])
+    np.testing.assert_array_equal(store.sample(nodes * steps), noise[tuple(nodes.T)])
+    assert np.isnan(store.sample([-0.1, 3, 3])) and np.isnan(store.sample([[np.nan, 3, 3]])).all()
+    for wrong in (dict(points=[1, 2]), dict(points=[1, 2, 3], cells="box"), dict(points=[1, 2, 3], coordinates="x")):
+        with pytest.raises(ValueError):
+            store.sample(**wrong)
+    with pytest.raises(IndexError):
+        store.sample([1, 2, 3], level=store.levels)
+
+
+def test_indicators_are_those_that_export_writes(store, tmp_path):
+    for field in ("deviation_bar", "linf_plus"):
+        store.export(tmp_path / "eta.npy", field, replace=True)
+        written = np.load(tmp_path / "eta.npy")
+        eta = store.indicator(field)
+        assert eta.dtype == np.float64 and eta.max() > 0
+        np.testing.assert_allclose(eta, written, rtol=1e-6)
+        np.testing.assert_array_equal(store.indicator(field, 1), eta[::2, ::2, ::2])
+        np.testing.assert_array_equal(store.indicator(field, 2, np.s_[1:4, 2, :]), eta[4:16:4, 8, ::4])
+    with pytest.raises(ValueError):
+        store.indicator("no such")
+    with pytest.raises(IndexError):
+        store.indicator("linf_bar", 99)
+
+
 def test_the_histogram_counts_every_value_once(store, noise, tmp_path):
     h = store.histogram()
     assert len(h.edges) == len(h.counts) + 1 == len(h.cubes) + 1

@@ -125,15 +125,13 @@ class Forger {
 };
 
 /// Checks that ranks together find the same as one process.
-void require_same_on_ranks(const std::filesystem::path& path, CheckOptions options,
+void require_same_on_ranks(const std::filesystem::path& path, const CheckOptions& options,
                            const CheckReport& expected) {
     for (const int count : {2, 5}) {
         CAPTURE(count);
         CheckReport report;
         isonest::test::ThreadRanks(count).run([&](Communicator& ranks) {
-            CheckOptions own = options;
-            own.ranks = &ranks;
-            CheckReport found = check(StoreReader(path), own, silent_progress());
+            CheckReport found = check(StoreReader(path), options, silent_progress(), &ranks);
             if (ranks.rank() == 0) {
                 report = std::move(found);
             }

@@ -44,11 +44,11 @@ std::vector<float> ball(std::int64_t n) {
 /// The results of some steps.
 struct Steps {
     std::vector<double> seconds;
-    std::vector<DiffusionStep> reports;
+    std::vector<SmoothStep> reports;
     std::vector<float> values;
 };
 
-Steps run(const Lattice& lattice, const std::vector<float>& values, const DiffusionOptions& options,
+Steps run(const Lattice& lattice, const std::vector<float>& values, const SmoothOptions& options,
           int steps) {
     NonlinearDiffusion diffusion(lattice, {1, 1, 1}, values, options);
     Steps out;
@@ -114,12 +114,12 @@ int main(int argc, char** argv) {
     const double range = static_cast<double>(*high) - static_cast<double>(*low);
     const int steps = static_cast<int>(number(6, 4));
     const int rounds = static_cast<int>(number(8, 5));
-    DiffusionOptions options;
+    SmoothOptions options;
     options.lambda = 0.03 * range;
     options.tau = 0.5;
     options.sigma = 1;
     options.threads = static_cast<int>(number(7, 1));
-    DiffusionOptions adaptive = options;
+    SmoothOptions adaptive = options;
     adaptive.threshold = threshold_for(lattice, values, number(5, 0.2), range);
 
     Steps full;

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include <isonest/check.h>
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
 
@@ -27,6 +28,7 @@ struct CheckArguments {
     std::vector<std::string> source;
     SourceOptions source_options;
     CheckOptions check;
+    Communicator* ranks = nullptr;
     std::string source_option;  ///< an option given for reading the source, or empty
     RemoteArguments remote;
 };
@@ -65,11 +67,11 @@ Result run(CheckArguments& a, Progress& progress) {
     const Store opened = open_required_store(a.store, a.remote, a.check.memory, progress);
     const StoreReader& store = opened.reader();
     const std::string path = store.path().string();
-    if (a.check.ranks != nullptr) {
-        require_same_store(*a.check.ranks, &store, path);
+    if (a.ranks != nullptr) {
+        require_same_store(*a.ranks, &store, path);
     }
     std::unique_ptr<VolumeSource> source;
-    const bool is_first = a.check.ranks == nullptr || a.check.ranks->rank() == 0;
+    const bool is_first = a.ranks == nullptr || a.ranks->rank() == 0;
     if (!a.source.empty() && is_first) {
         reach_volume(a.source, a.remote, a.check.memory, a.source_options, progress,
                      is_url(a.store) ? a.store : "");
@@ -77,7 +79,7 @@ Result run(CheckArguments& a, Progress& progress) {
         source = open_input(a.source, temporary_folder(), a.source_options);
         a.check.source = source.get();
     }
-    const CheckReport r = check(store, a.check, progress);
+    const CheckReport r = check(store, a.check, progress, a.ranks);
     Result result;
     if (!is_first) {
         return result;
@@ -169,7 +171,7 @@ void add_check(CLI::App& app, Invocation& chosen) {
     add_remote_options(c, a->remote);
     c->callback([a, c, &chosen] {
         a->source_option = given_source_option(*c);
-        a->check.ranks = chosen.ranks;
+        a->ranks = chosen.ranks;
         chosen.run = [a](Progress& progress) {
             std::vector<std::string> inputs = a->source;
             inputs.push_back(a->store);

@@ -2,11 +2,13 @@
 #include <fmt/format.h>
 
 #include <memory>
-#include <optional>
+#include <string>
+#include <variant>
 
-#include "query/extract/export.h"
-#include "query/study/computed_field.h"
+#include <isonest/export_field.h>
+
 #include "query/values/label_view.h"
+#include "store/container/reader.h"
 #include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/units.h"
@@ -20,51 +22,26 @@ struct ExportArguments {
     std::string store;
     std::string output;
     ExportOptions options;
-    std::optional<ComputedField> computed;  ///< replaces the field of the options
     RemoteArguments remote;
 };
 
-/// Exports an indicator that the store does not contain.
-Result run_computed(const Store& opened, const ExportArguments& a, Progress& progress) {
-    const StoreReader& store = opened.reader();
-    const ExportOptions& o = a.options;
-    export_computed_field(store, a.output, {*a.computed, o.level, o.force, o.memory}, progress);
-    const Int3 nodes = store.layout().header().nodes;
-    const std::string name = name_of(*a.computed);
+Result run(ExportArguments& a, Progress& progress) {
+    const Store opened = open_required_store(a.store, a.remote, a.options.memory, progress);
+    const Int3 nodes = export_field(opened, a.output, a.options, progress);
+    const std::string name = name_of(a.options.field);
+    const Field* const stored = std::get_if<Field>(&a.options.field);
+    const std::string_view type = stored != nullptr && *stored == Field::values
+                                      ? type_of_values(opened.reader().layout().header())
+                                      : name_of(ValueType::f32);
     Result result;
     result.warning = leftovers_of(a.output);
     result.json = {{"output", a.output},
                    {"field", name},
-                   {"level", o.level},
-                   {"nodes", {nodes.x, nodes.y, nodes.z}},
-                   {"type", name_of(ValueType::f32)}};
-    result.text = fmt::format("{}: {}, {} x {} x {} {}\n", a.output, name, nodes.x, nodes.y,
-                              nodes.z, name_of(ValueType::f32));
-    add_fetched(opened, result);
-    return result;
-}
-
-Result run(ExportArguments& a, Progress& progress) {
-    const Store opened = open_required_store(a.store, a.remote, a.options.memory, progress);
-    const StoreReader& store = opened.reader();
-    if (a.computed) {
-        return run_computed(opened, a, progress);
-    }
-    export_field(store, a.output, a.options, progress);
-    const bool values = a.options.field == Field::values;
-    const Int3 nodes = values ? store.layout().array(a.options.level, Field::values).nodes
-                              : store.layout().header().nodes;
-    const std::string_view type =
-        values ? type_of_values(store.layout().header()) : name_of(ValueType::f32);
-    Result result;
-    result.warning = leftovers_of(a.output);
-    result.json = {{"output", a.output},
-                   {"field", name_of(a.options.field)},
                    {"level", a.options.level},
                    {"nodes", {nodes.x, nodes.y, nodes.z}},
                    {"type", type}};
-    result.text = fmt::format("{}: {}, {} x {} x {} {}\n", a.output, name_of(a.options.field),
-                              nodes.x, nodes.y, nodes.z, type);
+    result.text =
+        fmt::format("{}: {}, {} x {} x {} {}\n", a.output, name, nodes.x, nodes.y, nodes.z, type);
     add_fetched(opened, result);
     return result;
 }
@@ -91,8 +68,9 @@ void add_export(CLI::App& app, Invocation& chosen) {
     ExportOptions& e = a->options;
     c->add_option("STORE", a->store)->required();
     add_parsed(c, "--field", [a](const std::string& text) {
-        a->computed = computed_field_from_name(text);
-        if (!a->computed) {
+        if (const auto computed = computed_field_from_name(text)) {
+            a->options.field = *computed;
+        } else {
             a->options.field = parse_field_or_values("--field", text);
         }
     });

@@ -21,10 +21,12 @@
 #include <isonest/int3.h>
 #include <isonest/length_unit.h>
 #include <isonest/progress.h>
+#include <isonest/smooth.h>
 
 #include "query/finite_elements/active_nodes.h"
 #include "query/finite_elements/grid_elements.h"
 #include "query/finite_elements/nonlinear_diffusion.h"
+#include "query/finite_elements/volume_values.h"
 #include "store/base/memory.h"
 #include "store/base/vectors.h"
 #include "store/container/format.h"
@@ -32,7 +34,6 @@
 #include "store/files/output_file.h"
 #include "store/lattice/lattice.h"
 #include "store/remote/open_location.h"
-#include "tools/cli/commands/volume_values.h"
 #include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
@@ -309,28 +310,42 @@ namespace {
 struct SmoothArguments {
     std::string input;
     SourceOptions source;
-    DiffusionOptions diffusion;
-    std::optional<double> sigma;
+    SmoothOptions smooth;
     int steps = 0;
     std::set<int> snapshots;
     std::string output;
     std::string grid;
     std::string colors = "viridis";
     std::vector<int> size{800, 800};
-    std::uint64_t memory = std::uint64_t{1} << 30U;
     bool force = false;
     std::string source_option;   ///< an option given for reading a volume file, or empty
     std::string picture_option;  ///< an option given for the picture, or empty
     RemoteArguments remote;
 };
 
-/// Opens a store or a volume file.
-VolumeValues open_values(SmoothArguments& a, Progress& progress) {
+/// A store or a volume file.
+struct Input {
+    std::unique_ptr<const Store> store;
+    std::unique_ptr<VolumeSource> source;
+
+    [[nodiscard]] VolumeDescription describe() const {
+        return store ? VolumeValues(store->reader()).describe() : source->describe();
+    }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const {
+        return store ? std::vector{store->path()} : source->files();
+    }
+    [[nodiscard]] Smoothing smoothing(const SmoothOptions& options, Progress& progress) const {
+        return store ? Smoothing(*store, options, progress) : Smoothing(*source, options, progress);
+    }
+};
+
+Input open_values(SmoothArguments& a, Progress& progress) {
     // NOLINTNEXTLINE(clang-analyzer-deadcode.DeadStores): used where a store was not opened
-    const std::uint64_t memory = a.memory;
-    std::shared_ptr<const Store> store;
+    const std::uint64_t memory = a.smooth.memory;
+    std::unique_ptr<const Store> store;
     try {
-        store = std::make_shared<const Store>(open_store(a.input, a.remote, a.memory, progress));
+        store =
+            std::make_unique<const Store>(open_store(a.input, a.remote, a.smooth.memory, progress));
     } catch (const Error& error) {
         if (!is_no_store(error) && !may_be_folder(error, a.input)) {
             throw;
@@ -338,16 +353,16 @@ VolumeValues open_values(SmoothArguments& a, Progress& progress) {
     }
     if (store) {
         require_no_source_option(a.source_option, store->path().string());
-        return VolumeValues(std::move(store));
+        return {std::move(store), nullptr};
     }
     if (a.source.missing) {
         throw Error(ErrorKind::invalid_argument,
                     "--missing: smoothing does not support missing values");
     }
-    a.memory = memory;
+    a.smooth.memory = memory;
     a.remote.opened = 0;
-    reach_volume({a.input}, a.remote, a.memory, a.source, progress);
-    return {open_volume(a.input, a.source), shown_location(a.input)};
+    reach_volume({a.input}, a.remote, a.smooth.memory, a.source, progress);
+    return {nullptr, open_volume(a.input, a.source)};
 }
 
 /// The files that will be written.
@@ -378,10 +393,13 @@ class WithinStep : public Progress {
 /// Runs the steps and writes the output.
 class Run {
   public:
-    Run(const SmoothArguments& a, SmoothedPlace place, std::vector<float> values)
-        : a_(a),
-          place_(std::move(place)),
-          diffusion_(place_.lattice, place_.spacing, std::move(values), a.diffusion) {}
+    Run(const SmoothArguments& a, SmoothedPlace place, Smoothing smoothing)
+        : a_(a), place_(std::move(place)), smoothing_(std::move(smoothing)) {
+        const auto [low, high] =
+            std::minmax_element(smoothing_.values().begin(), smoothing_.values().end());
+        place_.low = static_cast<double>(*low);
+        place_.high = static_cast<double>(*high);
+    }
 
     Json steps(Progress& progress) {
         Json reports = Json::array();
@@ -395,7 +413,7 @@ class Run {
             if (step == a_.steps) {
                 break;
             }
-            last_ = diffusion_.step(within);
+            last_ = smoothing_.step(within);
             progress.advance(1);
             reports.push_back({{"step", step + 1},
                                {"unknowns", last_.unknowns},
@@ -409,20 +427,22 @@ class Run {
         write(a_.output, a_.grid);
         return reports;
     }
-    [[nodiscard]] const DiffusionStep& last() const { return last_; }
+    [[nodiscard]] const SmoothStep& last() const { return last_; }
+    [[nodiscard]] const SmoothOptions& options() const { return smoothing_.options(); }
 
   private:
     void write(const std::filesystem::path& output, const std::filesystem::path& grid) {
-        write_values(output, place_, diffusion_.values());
+        write_values(output, place_, smoothing_.values());
         if (!grid.empty()) {
-            write_grid(grid, place_, diffusion_.grid(silent_progress()), diffusion_.values());
+            write_grid(grid, place_, smoothing_.diffusion().grid(silent_progress()),
+                       smoothing_.values());
         }
     }
 
     const SmoothArguments& a_;
     SmoothedPlace place_;
-    NonlinearDiffusion diffusion_;
-    DiffusionStep last_;
+    Smoothing smoothing_;
+    SmoothStep last_;
 };
 
 Result run(SmoothArguments& a, Progress& progress) {
@@ -438,8 +458,8 @@ Result run(SmoothArguments& a, Progress& progress) {
             a.picture_option + " needs a picture: give an --output or --grid that ends with .png");
     }
     const auto start = std::chrono::steady_clock::now();
-    a.source.max_heap = a.memory / 4;
-    VolumeValues input = open_values(a, progress);
+    a.source.max_heap = a.smooth.memory / 4;
+    const Input input = open_values(a, progress);
     a.input = shown_location(a.input);
     const VolumeDescription d = input.describe();
     require_right_angles(d.direction, a.input, "smoothing");
@@ -451,24 +471,7 @@ Result run(SmoothArguments& a, Progress& progress) {
     for (const std::filesystem::path& name : names_of(a)) {
         check_smoothed(name, place, input.files());
     }
-    if (!a.sigma) {
-        double nearest = 0;
-        for (int axis = 0; axis < 3; ++axis) {
-            const double s = d.spacing.at(static_cast<std::size_t>(axis));
-            nearest = d.nodes[axis] > 1 && (nearest == 0 || s < nearest) ? s : nearest;
-        }
-        a.sigma = nearest;
-    }
-    a.diffusion.sigma = *a.sigma;
-    require_memory(
-        a.input, a.memory,
-        kLibraryHeap + input.heap() + NonlinearDiffusion::heap(place.lattice, a.diffusion),
-        "this many unknowns");
-    std::vector<float> values = input.read(progress);
-    const auto [low, high] = std::minmax_element(values.begin(), values.end());
-    place.low = static_cast<double>(*low);
-    place.high = static_cast<double>(*high);
-    Run work(a, std::move(place), std::move(values));
+    Run work(a, std::move(place), input.smoothing(a.smooth, progress));
     Result result;
     const Json steps = work.steps(progress);
     const double seconds =
@@ -476,10 +479,10 @@ Result run(SmoothArguments& a, Progress& progress) {
     result.warning = leftovers_of(a.output);
     result.json = {{"output", a.output},
                    {"nodes", {d.nodes.x, d.nodes.y, d.nodes.z}},
-                   {"tau", a.diffusion.tau},
-                   {"lambda", a.diffusion.lambda},
-                   {"sigma", a.diffusion.sigma},
-                   {"threshold", a.diffusion.threshold},
+                   {"tau", a.smooth.tau},
+                   {"lambda", a.smooth.lambda},
+                   {"sigma", *work.options().sigma},
+                   {"threshold", a.smooth.threshold},
                    {"steps", steps},
                    {"seconds", seconds}};
     if (!a.grid.empty()) {
@@ -495,10 +498,10 @@ Result run(SmoothArguments& a, Progress& progress) {
                         human_range(work.last().least, work.last().largest), work.last().mean);
     }
     result.text += '\n';
-    if (input.store() != nullptr) {
-        add_fetched(*input.store(), result);
+    if (input.store) {
+        add_fetched(*input.store, result);
     } else {
-        add_fetched(*input.source(), result);
+        add_fetched(*input.source, result);
     }
     return result;
 }
@@ -546,15 +549,16 @@ void add_smooth(CLI::App& app, Invocation& chosen) {
         a->steps = static_cast<int>(parse_integer("--steps", text, 0, kMaxSteps));
     })->required();
     add_parsed(c, "--tau", [a](const std::string& text) {
-        a->diffusion.tau = parse_at_least("--tau", text, false);
+        a->smooth.tau = parse_at_least("--tau", text, false);
     })->required();
     add_parsed(c, "--lambda", [a](const std::string& text) {
-        a->diffusion.lambda = parse_at_least("--lambda", text, false);
+        a->smooth.lambda = parse_at_least("--lambda", text, false);
     })->required();
-    add_parsed(c, "--sigma",
-               [a](const std::string& text) { a->sigma = parse_at_least("--sigma", text, true); });
+    add_parsed(c, "--sigma", [a](const std::string& text) {
+        a->smooth.sigma = parse_at_least("--sigma", text, true);
+    });
     add_parsed(c, "--threshold", [a](const std::string& text) {
-        a->diffusion.threshold = parse_at_least("--threshold", text, true);
+        a->smooth.threshold = parse_at_least("--threshold", text, true);
     });
     add_parsed(c, "--snapshots",
                [a](const std::string& text) { a->snapshots = parse_snapshots(text); });
@@ -569,8 +573,8 @@ void add_smooth(CLI::App& app, Invocation& chosen) {
         "800x800");
     c->add_option("-o,--output", a->output)->required();
     c->add_flag("--force", a->force);
-    add_memory(c, a->memory);
-    add_threads(c, a->diffusion.threads);
+    add_memory(c, a->smooth.memory);
+    add_threads(c, a->smooth.threads);
     add_remote_options(c, a->remote);
     c->callback([a, c, &chosen] {
         a->source_option = given_source_option(*c);

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include <isonest/error.h>
+#include <isonest/study.h>
 
-#include "query/study/study.h"
 #include "store/files/output_file.h"
 #include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/remote_options.h"
@@ -206,8 +206,8 @@ class Folder {
     std::vector<std::filesystem::path> made_;  ///< innermost first
 };
 
-std::vector<StudyField> parse_study_fields(const std::string& text) {
-    std::vector<StudyField> fields;
+std::vector<AnyField> parse_study_fields(const std::string& text) {
+    std::vector<AnyField> fields;
     for (std::size_t begin = 0; begin <= text.size();) {
         const std::size_t end = std::min(text.find(',', begin), text.size());
         const std::string name = text.substr(begin, end - begin);
@@ -223,14 +223,6 @@ std::vector<StudyField> parse_study_fields(const std::string& text) {
 
 Result run(StudyArguments& a, Progress& progress) {
     const Store opened = open_required_store(a.store, a.remote, a.study.memory, progress);
-    const StoreReader& store = opened.reader();
-    if (a.study.fields.empty()) {
-        for (const Field field : store.layout().header().fields) {
-            if (!is_of_cells(field) || suit_cells(store.layout(), a.study)) {
-                a.study.fields.emplace_back(field);
-            }
-        }
-    }
     const std::filesystem::path folder = a.folder;
     const Folder made(folder);
     const std::vector<const Column*> further = further_columns(a.study);
@@ -242,9 +234,9 @@ Result run(StudyArguments& a, Progress& progress) {
         }
     }
     for (const std::filesystem::path& output : outputs) {
-        check_output(output, true, {store.path()});
+        check_output(output, true, {opened.path()});
     }
-    const Study s = study(store, a.study, progress);
+    const Study s = study(opened, a.study, progress);
     write_csv(folder / kTable, s, further);
     for (const PlotFile& plot : plots) {
         draw(folder, s, plot);
@@ -269,10 +261,16 @@ Result run(StudyArguments& a, Progress& progress) {
                    {"rows", rows}};
     result.text = fmt::format(
         "{}: study.csv and plots of {} fields at {} thresholds; the finest mesh "
+<<<<<<< HEAD
         "has {} elements, the finest grid {} cells\nThe columns efficiency_* are 1 / (visited "
         "error); "
         "1 / (elements error), which had these names before, is element_efficiency_*\n",
         a.folder, a.study.fields.size(), a.study.steps, s.all_elements, s.all_cells);
+=======
+        "has {} elements, the finest grid {} cells\n",
+        a.folder, s.rows.size() / static_cast<std::size_t>(a.study.steps), a.study.steps,
+        s.all_elements, s.all_cells);
+>>>>>>> w-pub
     add_fetched(opened, result);
     return result;
 }

@@ -13,7 +13,7 @@ from ._arguments import Bytes, Headers, Point, Progress, backwards, reporting, t
 from ._core import Analysis, CheckReport, StoredArray, StudyRow
 from ._extracting import Extracting
 from ._frame import Directions, Frame
-from ._queries import Coordinates, Place
+from ._queries import Cells, Coordinates, Place
 
 
 class Histogram(NamedTuple):
@@ -216,6 +216,14 @@ class Store(Extracting):
         Raises ValueError for a slice with a step, IndexError for an index out of range, and subclasses of
         :class:`isonest.Error`.
         """
+        low, high, drop = self._corners(level, box)
+        with reporting(progress) as report:
+            array = self._core.values(level, backwards(low), backwards(high), to_bytes(memory), threads, report)
+        return array.squeeze(axis=drop) if drop else array
+
+    def _corners(self, level: int, box: Optional[Sequence[Union[slice, int]]]
+                 ) -> "tuple[list[int], list[int], tuple[int, ...]]":
+        """The first indices of a box, those behind its last ones, and the axes with an index in place of a slice."""
         shape = self.level_shape(level)
         low, high, drop = [], [], []
         places = () if box is None else (box,) if isinstance(box, (slice, int, np.integer)) else tuple(box)
@@ -232,9 +240,48 @@ class Store(Extracting):
                 drop.append(axis)
             low.append(start)
             high.append(max(start, stop))
+        return low, high, tuple(drop)
+
+    def indicator(self, field: str, level: int = 0, box: Optional[Sequence[Union[slice, int]]] = None, *,
+                  memory: Bytes = "256M", threads: int = 0, progress: Progress = None) -> np.ndarray:
+        """Reads a stored indicator at the nodes of a level, as float64: inf where a value is missing, 0 at nodes that
+        refine no element.
+
+        field: one of :attr:`indicators`. box, memory: as for :meth:`values`.
+
+        Raises the same, and ValueError for an unknown field or one of cells.
+        """
+        low, high, drop = self._corners(level, box)
         with reporting(progress) as report:
-            array = self._core.values(level, backwards(low), backwards(high), to_bytes(memory), threads, report)
-        return array.squeeze(axis=tuple(drop)) if drop else array
+            array = self._core.indicator(field, level, backwards(low), backwards(high), to_bytes(memory), threads,
+                                         report)
+        return array.squeeze(axis=drop) if drop else array
+
+    def sample(self, points: Any, *, level: int = 0, cells: Cells = "tet", coordinates: Coordinates = "array",
+               memory: Bytes = "256M", threads: int = 0, progress: Progress = None) -> np.ndarray:
+        """Interpolates the values at points, as float64. NaN outside the volume, and where a node with a weight other
+        than 0 is missing.
+
+        points: (..., 3) coordinates; the result has the shape (...). coordinates: "array", (z, y, x) times the
+            spacing, or "world", (x, y, z).
+        cells: "tet", linear on the tetrahedra of the nested grid, or "hex", trilinear.
+        memory: bytes, in addition to points and result.
+
+        Raises ValueError, IndexError for a level out of range, and subclasses of :class:`isonest.Error`.
+        """
+        given = np.asarray(points, dtype=np.float64)
+        if given.ndim == 0 or given.shape[-1] != 3:
+            raise ValueError(f"points of shape {given.shape}: the last axis must have 3 coordinates")
+        if cells not in ("tet", "hex", "tetrahedra", "hexahedra"):
+            raise ValueError(f"cells={cells!r}: give 'tet' or 'hex'")
+        Place(self._frame, coordinates).require()
+        rows = given.reshape(-1, 3)
+        if coordinates == "array":
+            rows = rows[:, ::-1] @ np.array(self._frame.direction) + np.array(self._frame.origin)
+        with reporting(progress) as report:
+            numbers = self._core.sample(np.ascontiguousarray(rows), level, cells.startswith("hex"), to_bytes(memory),
+                                        threads, report)
+        return numbers.reshape(given.shape[:-1])
 
     def histogram(self, level: Optional[int] = None, *, memory: Bytes = "512M", threads: int = 0,
                   progress: Progress = None) -> Histogram:

@@ -16,16 +16,13 @@
 #include <vector>
 
 #include <isonest/error.h>
+#include <isonest/export_field.h>
+#include <isonest/smooth.h>
+#include <isonest/study.h>
 
-#include "query/extract/export.h"
-#include "query/finite_elements/nonlinear_diffusion.h"
-#include "query/study/computed_field.h"
-#include "query/study/study.h"
-#include "store/base/memory.h"
-#include "store/container/format.h"
+#include "query/finite_elements/volume_values.h"
 #include "store/exports/volume_file.h"
 #include "store/files/output_file.h"
-#include "tools/cli/commands/volume_values.h"
 #include "tools/python/src/progress.h"
 #include "tools/python/src/queries.h"
 #include "tools/python/src/sources.h"
@@ -34,55 +31,31 @@
 namespace isonest::python {
 namespace {
 
-using detail::StudyOptions;
-using detail::StudyRow;
+/// `stored`: finds a field of the store.
+AnyField any_field(const std::string& name, Field (*stored)(const std::string&)) {
+    const auto computed = computed_field_from_name(name);
+    return computed ? AnyField(*computed) : AnyField(stored(name));
+}
 
 void export_store_field(const OpenStore& handle, const std::filesystem::path& path,
                         const std::string& field, int level, bool replace, std::uint64_t memory,
                         const py::object& progress) {
     const std::shared_ptr<const Store> store = handle.get();
     run_watched(progress, [&](Progress& p) {
-        if (const auto computed = detail::computed_field_from_name(field)) {
-            detail::export_computed_field(store->reader(), path,
-                                          {*computed, level, replace, memory}, p);
-        } else {
-            detail::export_field(store->reader(), path,
-                                 {field_of_name(field), level, replace, memory}, p);
-        }
+        export_field(*store, path, {any_field(field, field_of_name), level, replace, memory}, p);
     });
-}
-
-/// The fields with these names; without names, all fields of the store that can be studied.
-std::vector<detail::StudyField> study_fields(const Store& store, const StudyOptions& options,
-                                             const std::optional<std::vector<std::string>>& names) {
-    std::vector<detail::StudyField> fields;
-    if (!names) {
-        const detail::StoreLayout& layout = store.reader().layout();
-        for (const Field field : layout.header().fields) {
-            if (!is_of_cells(field) || suit_cells(layout, options)) {
-                fields.emplace_back(field);
-            }
-        }
-        return fields;
-    }
-    for (const std::string& name : *names) {
-        if (const auto computed = detail::computed_field_from_name(name)) {
-            fields.emplace_back(*computed);
-        } else {
-            fields.emplace_back(indicator_of_name(name));
-        }
-    }
-    return fields;
 }
 
 /// Returns (number of all elements, number of all cells, rows).
 py::tuple study_store(const OpenStore& handle, const std::optional<std::vector<std::string>>& names,
                       StudyOptions options, const py::object& progress) {
     const std::shared_ptr<const Store> store = handle.get();
-    options.fields = study_fields(*store, options, names);
-    detail::Study study;
-    run_watched(progress, [&](Progress& p) { study = detail::study(store->reader(), options, p); });
-    return py::make_tuple(study.all_elements, study.all_cells, std::move(study.rows));
+    for (const std::string& name : names.value_or(std::vector<std::string>{})) {
+        options.fields.push_back(any_field(name, indicator_of_name));
+    }
+    Study result;
+    run_watched(progress, [&](Progress& p) { result = study(*store, options, p); });
+    return py::make_tuple(result.all_elements, result.all_cells, std::move(result.rows));
 }
 
 void add_study_options(py::module_& module) {
@@ -146,19 +119,13 @@ void add_studies(py::module_& module) {
 
 namespace {
 
-using detail::DiffusionStep;
-using detail::NonlinearDiffusion;
-using detail::cli::VolumeValues;
-
-struct SmoothOptions {
-    detail::DiffusionOptions diffusion;
-    std::optional<double> sigma;  ///< none: the smallest spacing
+struct SmoothArguments {
+    SmoothOptions options;
     int steps = 0;
     std::set<int> snapshots;
     bool grid = false;
     std::optional<std::filesystem::path> output;
     bool replace = false;
-    std::uint64_t memory = std::uint64_t{1} << 30U;
 };
 
 /// The result of smoothing, in C++ memory.
@@ -166,7 +133,7 @@ struct Smoothed {
     Int3 nodes;
     std::vector<float> values;
     std::optional<std::vector<std::uint8_t>> grid;
-    std::vector<DiffusionStep> steps;
+    std::vector<SmoothStep> steps;
     std::vector<std::pair<int, std::vector<float>>> snapshots;
 };
 
@@ -181,27 +148,6 @@ class WithinStep : public Progress {
     const Progress& whole_;
 };
 
-double smallest_spacing(const VolumeDescription& d) {
-    double nearest = 0;
-    for (int axis = 0; axis < 3; ++axis) {
-        const double s = d.spacing.at(static_cast<std::size_t>(axis));
-        nearest = d.nodes[axis] > 1 && (nearest == 0 || s < nearest) ? s : nearest;
-    }
-    return nearest;
-}
-
-std::vector<std::uint8_t> members_of(const detail::NodeSet& grid) {
-    const Int3 nodes = grid.nodes();
-    std::vector<std::uint8_t> members(static_cast<std::size_t>(nodes.product()), 0);
-    for (std::int64_t row = 0; row < nodes.y * nodes.z; ++row) {
-        const Int3 p{0, row % nodes.y, row / nodes.y};
-        grid.for_row(p, nodes.x, [&](std::int64_t x, std::uint64_t) {
-            members[static_cast<std::size_t>(row * nodes.x + x)] = 1;
-        });
-    }
-    return members;
-}
-
 std::vector<float> copy_of(std::span<const float> values) {
     return {values.begin(), values.end()};
 }
@@ -215,60 +161,43 @@ void write_values(const std::filesystem::path& path, const VolumeDescription& d,
     file->finish();
 }
 
-/// Checks the options before any work. Throws Error{invalid_argument, unsupported}.
-void require_sense(const SmoothOptions& o, const detail::Lattice& lattice,
-                   const std::string& name) {
+/// `input`: a store or a volume.
+template <class Input>
+Smoothed smooth_values(Input& input, const VolumeDescription& d,
+                       const std::vector<std::filesystem::path>& files, const SmoothArguments& a,
+                       Progress& progress) {
     const auto require = [](bool is_right, const char* what) {
         if (!is_right) {
             throw Error(ErrorKind::invalid_argument, what);
         }
     };
-    require(o.steps >= 0, "steps: give a number >= 0");
-    require(o.diffusion.tau > 0, "tau: give a number > 0");
-    require(o.diffusion.lambda > 0, "lambda_: give a number > 0");
-    require(!o.sigma || *o.sigma >= 0, "sigma: give a number >= 0");
-    require(o.diffusion.threshold >= 0, "threshold: give a number >= 0");
-    require(o.snapshots.empty() || (*o.snapshots.begin() >= 0 && *o.snapshots.rbegin() <= o.steps),
+    require(a.steps >= 0, "steps: give a number >= 0");
+    require(a.snapshots.empty() || (*a.snapshots.begin() >= 0 && *a.snapshots.rbegin() <= a.steps),
             "snapshots: give numbers of steps, from 0 to steps");
-    if (lattice.dimension() == 0) {
-        throw Error(ErrorKind::unsupported, {name}, "there is only one node");
+    if (a.output) {
+        detail::check_output(*a.output, a.replace, files);
     }
-}
-
-Smoothed smooth_values(VolumeValues& input, SmoothOptions o, Progress& progress) {
-    const VolumeDescription d = input.describe();
-    detail::require_right_angles(d.direction, d.name, "smoothing");
-    const detail::Lattice lattice(d.nodes);
-    require_sense(o, lattice, d.name);
-    if (o.output) {
-        detail::check_output(*o.output, o.replace, input.files());
-    }
-    o.diffusion.sigma = o.sigma.value_or(smallest_spacing(d));
-    detail::require_memory(
-        d.name, o.memory,
-        detail::kLibraryHeap + input.heap() + NonlinearDiffusion::heap(lattice, o.diffusion),
-        "this many unknowns");
+    Smoothing smoothing(input, a.options, progress);
     Smoothed result;
-    result.nodes = d.nodes;
-    NonlinearDiffusion diffusion(lattice, d.spacing, input.read(progress), o.diffusion);
-    progress.begin("smooth", static_cast<std::uint64_t>(o.steps), "steps");
+    result.nodes = smoothing.nodes();
+    progress.begin("smooth", static_cast<std::uint64_t>(a.steps), "steps");
     WithinStep within(progress);
     for (int step = 0;; ++step) {
-        if (o.snapshots.count(step) != 0) {
-            result.snapshots.emplace_back(step, copy_of(diffusion.values()));
+        if (a.snapshots.count(step) != 0) {
+            result.snapshots.emplace_back(step, copy_of(smoothing.values()));
         }
-        if (step == o.steps) {
+        if (step == a.steps) {
             break;
         }
-        result.steps.push_back(diffusion.step(within));
+        result.steps.push_back(smoothing.step(within));
         progress.advance(1);
     }
-    if (o.grid) {
-        result.grid = members_of(diffusion.grid(within));
+    if (a.grid) {
+        result.grid = smoothing.grid(within);
     }
-    result.values = copy_of(diffusion.values());
-    if (o.output) {
-        write_values(*o.output, d, o.replace, result.values);
+    result.values = copy_of(smoothing.values());
+    if (a.output) {
+        write_values(*a.output, d, a.replace, result.values);
     }
     return result;
 }
@@ -292,20 +221,24 @@ py::tuple as_tuple(Smoothed&& s) {
                           std::move(s.steps), std::move(snapshots));
 }
 
-py::tuple smooth_source(Source& source, const SmoothOptions& options, const py::object& progress) {
-    std::unique_ptr<VolumeSource> volume = source.take();
-    const std::string name = volume->describe().name;
-    VolumeValues input(std::move(volume), name);
+py::tuple smooth_source(Source& source, const SmoothArguments& arguments,
+                        const py::object& progress) {
+    const std::unique_ptr<VolumeSource> volume = source.take();
     Smoothed result;
-    run_watched(progress, [&](Progress& p) { result = smooth_values(input, options, p); });
+    run_watched(progress, [&](Progress& p) {
+        result = smooth_values(*volume, volume->describe(), volume->files(), arguments, p);
+    });
     return as_tuple(std::move(result));
 }
 
-py::tuple smooth_store(const OpenStore& store, const SmoothOptions& options,
+py::tuple smooth_store(const OpenStore& handle, const SmoothArguments& arguments,
                        const py::object& progress) {
-    VolumeValues input(store.get());
+    const std::shared_ptr<const Store> store = handle.get();
     Smoothed result;
-    run_watched(progress, [&](Progress& p) { result = smooth_values(input, options, p); });
+    run_watched(progress, [&](Progress& p) {
+        const VolumeDescription d = detail::VolumeValues(store->reader()).describe();
+        result = smooth_values(*store, d, {store->path()}, arguments, p);
+    });
     return as_tuple(std::move(result));
 }
 
@@ -313,29 +246,27 @@ py::tuple smooth_store(const OpenStore& store, const SmoothOptions& options,
 
 void add_smoothing(py::module_& module) {
     using namespace py::literals;
-    using O = SmoothOptions;
-    using S = DiffusionStep;
-    py::class_<O>(module, "SmoothOptions")
-        .def(py::init<>())
-        .def_property(
-            "tau", [](const O& o) { return o.diffusion.tau; },
-            [](O& o, double tau) { o.diffusion.tau = tau; })
-        .def_property(
-            "lambda_", [](const O& o) { return o.diffusion.lambda; },
-            [](O& o, double lambda) { o.diffusion.lambda = lambda; })
-        .def_property(
-            "threshold", [](const O& o) { return o.diffusion.threshold; },
-            [](O& o, double threshold) { o.diffusion.threshold = threshold; })
-        .def_property(
-            "threads", [](const O& o) { return o.diffusion.threads; },
-            [](O& o, int threads) { o.diffusion.threads = threads; })
-        .def_readwrite("sigma", &O::sigma)
-        .def_readwrite("steps", &O::steps)
+    using O = SmoothArguments;
+    using S = SmoothStep;
+    py::class_<O> arguments(module, "SmoothOptions");
+    const auto add_option = [&](const char* name, auto member) {
+        using Value = std::decay_t<decltype(std::declval<SmoothOptions>().*member)>;
+        arguments.def_property(
+            name, [member](const O& o) { return o.options.*member; },
+            [member](O& o, const Value& value) { o.options.*member = value; });
+    };
+    arguments.def(py::init<>());
+    add_option("tau", &SmoothOptions::tau);
+    add_option("lambda_", &SmoothOptions::lambda);
+    add_option("sigma", &SmoothOptions::sigma);
+    add_option("threshold", &SmoothOptions::threshold);
+    add_option("memory", &SmoothOptions::memory);
+    add_option("threads", &SmoothOptions::threads);
+    arguments.def_readwrite("steps", &O::steps)
         .def_readwrite("snapshots", &O::snapshots)
         .def_readwrite("grid", &O::grid)
         .def_readwrite("output", &O::output)
-        .def_readwrite("replace", &O::replace)
-        .def_readwrite("memory", &O::memory);
+        .def_readwrite("replace", &O::replace);
     py::class_<S>(module, "SmoothStep", "The report of a step of isonest.smooth.")
         .def_readonly("unknowns", &S::unknowns, "nodes of the grid")
         .def_readonly("iterations", &S::iterations, "of the solver")

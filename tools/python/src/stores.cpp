@@ -1,30 +1,28 @@
 #include "tools/python/src/stores.h"
 
-#include <oneapi/tbb/parallel_for.h>
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include <isonest/check.h>
+#include <isonest/histogram.h>
 #include <isonest/labels.h>
+#include <isonest/values.h>
 
-#include "query/check/check.h"
 #include "query/extract/extract.h"
 #include "query/extract/kept_analysis.h"
-#include "query/statistics/histogram.h"
 #include "query/values/label_view.h"
 #include "store/base/label_text.h"
-#include "store/base/memory.h"
-#include "store/base/workers.h"
 #include "store/container/reader.h"
 #include "tools/python/src/progress.h"
 #include "tools/python/src/queries.h"
@@ -76,7 +74,7 @@ std::vector<Analysis> analyses(const OpenStore& handle) {
 }
 
 struct Checked {
-    detail::CheckReport report;
+    CheckReport report;
     std::vector<Analysis> analyses;
 
     [[nodiscard]] bool ok() const {
@@ -93,23 +91,20 @@ Checked check_store(const OpenStore& handle, bool quick, bool deep, Source* sour
                     std::uint64_t memory, int threads, const py::object& progress) {
     const std::shared_ptr<const Store> store = handle.get();
     const std::unique_ptr<VolumeSource> volume = source != nullptr ? source->take() : nullptr;
-    detail::CheckOptions options;
-    options.depth = quick  ? detail::CheckDepth::quick
-                    : deep ? detail::CheckDepth::deep
-                           : detail::CheckDepth::standard;
+    CheckOptions options;
+    options.depth = quick ? CheckDepth::quick : deep ? CheckDepth::deep : CheckDepth::standard;
     options.source = volume.get();
     options.memory = memory;
     options.threads = threads;
     Checked checked;
     run_watched(progress, [&](Progress& p) {
-        checked.report = detail::check(store->reader(), options, p);
+        checked.report = check(*store, options, p);
         checked.analyses = analyses_of(*store, detail::AnalysisDepth::bytes);
     });
     return checked;
 }
 
 void add_reports_of_checks(py::module_& module) {
-    using detail::Finding;
     py::class_<Finding>(module, "Finding", "One problem of a store.")
         .def_readonly("test", &Finding::test, "the test that found it, such as 'checksum'")
         .def_readonly("field", &Finding::field)
@@ -193,8 +188,6 @@ void add_checks(py::module_& module) {
                "threads"_a, "progress"_a);
 }
 
-using detail::ArrayInfo;
-
 std::shared_ptr<const Store> OpenStore::get() const {
     if (!store_) {
         throw py::value_error("this store is closed");
@@ -227,30 +220,13 @@ std::unique_ptr<OpenStore> open_store(const std::filesystem::path& location,
     return std::make_unique<OpenStore>(std::move(store));
 }
 
-/// The number of nodes of a level that are in the volume: every 2^level-th.
+/// Throws IndexError.
 Int3 nodes_of(const Store& store, int level) {
     if (level < 0 || level >= store.levels()) {
         throw py::index_error("there is no level " + std::to_string(level) +
                               ": the levels are 0 to " + std::to_string(store.levels() - 1));
     }
-    return ceil_div(store.nodes(), Int3{1, 1, 1} * (std::int64_t{1} << level));
-}
-
-/// Copies the part of a decoded chunk that is in the box of `size` nodes from `lo` on.
-void copy_part(const ArrayInfo& array, const Int3& chunk, const std::byte* data, const Int3& lo,
-               const Int3& size, std::byte* out) {
-    const auto element = static_cast<std::int64_t>(array.codec.element_size);
-    const Int3 base = array.first_node(chunk);
-    const Int3 from = max(base, lo);
-    const Int3 to = min(base + array.chunk, lo + size);
-    for (std::int64_t z = from.z; z < to.z; ++z) {
-        for (std::int64_t y = from.y; y < to.y; ++y) {
-            const Int3 at{from.x, y, z};
-            std::memcpy(out + size.linear(at - lo) * element,
-                        data + array.chunk.linear(at - base) * element,
-                        static_cast<std::size_t>((to.x - from.x) * element));
-        }
-    }
+    return nodes_of_level(store, level);
 }
 
 bool are_labels(const Store& store) {
@@ -268,71 +244,88 @@ py::object value_of(const Store& store, double value) {
     return label ? py::object(py::int_(*label)) : py::object(py::float_(value));
 }
 
-/// Converts float64 codes of labels to int64, in place.
-void to_labels(std::byte* data, std::size_t count) {
-    for (std::size_t i = 0; i < count; ++i) {
-        double value = 0;
-        std::memcpy(&value, data + i * sizeof(value), sizeof(value));
-        const auto label = static_cast<std::int64_t>(detail::label_of_value(value));
-        std::memcpy(data + i * sizeof(label), &label, sizeof(label));
-    }
-}
-
-/// The values in a box. Each chunk is decoded once, into its own buffer.
-py::array values(const OpenStore& handle, int level, const Numbers& lo_, const Numbers& hi_,
-                 std::uint64_t memory, int threads, const py::object& report) {
-    const std::shared_ptr<const Store> store = handle.get();
-    const Int3 nodes = nodes_of(*store, level);
-    const Int3 lo{lo_[0], lo_[1], lo_[2]};
-    const Int3 size = Int3{hi_[0], hi_[1], hi_[2]} - lo;
+/// Throws IndexError.
+NodeBox box_in(const Store& store, int level, const Numbers& lo, const Numbers& hi) {
+    const Int3 nodes = nodes_of(store, level);
+    const NodeBox box{{lo[0], lo[1], lo[2]}, Int3{hi[0], hi[1], hi[2]} - Int3{lo[0], lo[1], lo[2]}};
     for (int axis = 0; axis < 3; ++axis) {
-        if (lo[axis] < 0 || size[axis] < 0 || lo[axis] + size[axis] > nodes[axis]) {
+        if (box.lo[axis] < 0 || box.size[axis] < 0 || box.lo[axis] + box.size[axis] > nodes[axis]) {
             throw py::index_error("the box does not lie in the level");
         }
     }
-    py::array result(dtype_of_values(*store), std::vector<py::ssize_t>{size.z, size.y, size.x});
-    if (size.product() == 0) {
-        return result;
-    }
-    auto* const out = static_cast<std::byte*>(result.mutable_data());
-    const detail::StoreReader& reader = store->reader();
-    const ArrayInfo& array = reader.layout().array(level, Field::values);
-    const std::uint64_t each = array.chunk_bytes() + detail::decode_heap(array.chunk_bytes());
-    const detail::MemoryShare share(store->path().string(), memory,
-                                    detail::Workers::count_of(threads));
-    const int count = share.threads_of(each, "this store's chunks");
-    run_watched(report, [&](Progress& progress) {
-        detail::Workers workers(count);
-        const Int3 first = array.chunk_of(lo);
-        const Int3 chunks = array.chunk_of(lo + size - Int3{1, 1, 1}) - first + Int3{1, 1, 1};
-        progress.begin("values", static_cast<std::uint64_t>(chunks.product()), "chunks");
-        workers.execute([&] {
-            tbb::parallel_for(std::int64_t{0}, chunks.product(), [&](std::int64_t i) {
-                progress.check();
-                const Int3 chunk = first + chunks.unlinear(i);
-                std::vector<std::byte> data(array.chunk_bytes());
-                reader.decode(array, chunk, data);
-                if (are_labels(*store)) {
-                    to_labels(data.data(), data.size() / sizeof(double));
-                }
-                copy_part(array, chunk, data.data(), lo, size, out);
-                progress.advance(1);
-            });
+    return box;
+}
+
+std::vector<py::ssize_t> shape_of_box(const NodeBox& box) {
+    return {box.size.z, box.size.y, box.size.x};
+}
+
+template <class T>
+std::span<T> numbers_of(py::array& array) {
+    return {static_cast<T*>(array.mutable_data()), static_cast<std::size_t>(array.size())};
+}
+
+py::array values(const OpenStore& handle, int level, const Numbers& lo, const Numbers& hi,
+                 std::uint64_t memory, int threads, const py::object& report) {
+    const std::shared_ptr<const Store> store = handle.get();
+    const NodeBox box = box_in(*store, level, lo, hi);
+    py::array result(dtype_of_values(*store), shape_of_box(box));
+    const auto read = [&](auto tag) {
+        const auto numbers = numbers_of<typename decltype(tag)::type>(result);
+        run_watched(report, [&](Progress& progress) {
+            read_values(*store, level, box, numbers, {memory, threads}, progress);
         });
+    };
+    if (are_labels(*store)) {
+        read(TypeTag<std::int64_t>{});
+    } else {
+        dispatch(store->type(), read);
+    }
+    return result;
+}
+
+py::array indicator(const OpenStore& handle, const std::string& field, int level, const Numbers& lo,
+                    const Numbers& hi, std::uint64_t memory, int threads,
+                    const py::object& report) {
+    const std::shared_ptr<const Store> store = handle.get();
+    const Field found = indicator_of_name(field);
+    const NodeBox box = box_in(*store, level, lo, hi);
+    py::array result(py::dtype("float64"), shape_of_box(box));
+    const auto numbers = numbers_of<double>(result);
+    run_watched(report, [&](Progress& progress) {
+        read_indicator(*store, found, level, box, numbers, {memory, threads}, progress);
     });
     return result;
 }
 
-detail::Histogram histogram(const OpenStore& handle, std::optional<int> level, std::uint64_t memory,
-                            int threads, const py::object& report) {
+/// `points`: rows of x, y, z.
+py::array sampled(const OpenStore& handle, const py::array_t<double, py::array::c_style>& points,
+                  int level, bool hexahedra, std::uint64_t memory, int threads,
+                  const py::object& report) {
+    const std::shared_ptr<const Store> store = handle.get();
+    static_cast<void>(nodes_of(*store, level));
+    static_assert(sizeof(Double3) == 3 * sizeof(double));
+    const std::span<const Double3> rows(reinterpret_cast<const Double3*>(points.data()),
+                                        static_cast<std::size_t>(points.shape(0)));
+    py::array result(py::dtype("float64"), std::vector<py::ssize_t>{points.shape(0)});
+    const auto numbers = numbers_of<double>(result);
+    const SampleOptions options{level, hexahedra ? Cells::hexahedra : Cells::tetrahedra, memory,
+                                threads};
+    run_watched(report,
+                [&](Progress& progress) { sample(*store, rows, numbers, options, progress); });
+    return result;
+}
+
+Histogram histogram(const OpenStore& handle, std::optional<int> level, std::uint64_t memory,
+                    int threads, const py::object& report) {
     const std::shared_ptr<const Store> store = handle.get();
     if (level) {
         static_cast<void>(nodes_of(*store, *level));
     }
-    detail::Histogram result;
+    Histogram result;
     run_watched(report, [&](Progress& progress) {
-        result = detail::histogram(
-            store->reader(), {.level = level, .memory = memory, .threads = threads}, progress);
+        result = isonest::histogram(*store, {.level = level, .memory = memory, .threads = threads},
+                                    progress);
     });
     return result;
 }
@@ -384,12 +377,12 @@ py::array copied(const std::vector<T>& numbers) {
 }
 
 /// REQUIRES: the histogram is of labels.
-std::int64_t label_at(const detail::Histogram& h, double value) {
+std::int64_t label_at(const Histogram& h, double value) {
     return *h.first_label + static_cast<std::int64_t>(std::round(value));
 }
 
 /// The lower ends of the bins; int64 for labels.
-py::array lows(const detail::Histogram& h) {
+py::array lows(const Histogram& h) {
     if (!h.first_label) {
         return copied(h.bins.low);
     }
@@ -402,7 +395,6 @@ py::array lows(const detail::Histogram& h) {
 }
 
 void add_histogram(py::module_& module) {
-    using detail::Histogram;
     py::class_<Histogram>(module, "Histogram")
         .def_readonly("level", &Histogram::level)
         .def_readonly("looked", &Histogram::looked)
@@ -420,7 +412,7 @@ void add_histogram(py::module_& module) {
         .def_property_readonly("suggested", [](const Histogram& h) {
             std::vector<std::pair<double, std::uint64_t>> all;
             all.reserve(h.suggested.size());
-            for (const detail::SuggestedIsovalue& s : h.suggested) {
+            for (const SuggestedIsovalue& s : h.suggested) {
                 all.emplace_back(s.isovalue, s.cubes);
             }
             return all;
@@ -503,6 +495,10 @@ void add_stores(py::module_& module) {
             [](const OpenStore& s, int level) { return shape_of(nodes_of(*s.get(), level)); },
             "level"_a)
         .def("values", &values, "level"_a, "lo"_a, "hi"_a, "memory"_a, "threads"_a, "progress"_a)
+        .def("indicator", &indicator, "field"_a, "level"_a, "lo"_a, "hi"_a, "memory"_a, "threads"_a,
+             "progress"_a)
+        .def("sample", &sampled, "points"_a, "level"_a, "hexahedra"_a, "memory"_a, "threads"_a,
+             "progress"_a)
         .def("histogram", &histogram, "level"_a, "memory"_a, "threads"_a, "progress"_a)
         .def("labels", &labels, "memory"_a, "threads"_a, "progress"_a)
         .def("label_names", &label_names)

@@ -1,20 +1,18 @@
-#include "tools/cli/commands/volume_values.h"
+#include "query/finite_elements/volume_values.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include <isonest/error.h>
 #include <isonest/remote.h>
 
-#include "query/values/node_sampler.h"
 #include "store/base/box.h"
 #include "store/container/chunk_cache.h"
 #include "store/container/reader.h"
 
-namespace isonest::detail::cli {
+namespace isonest::detail {
 namespace {
 
 constexpr std::uint64_t kSlab = std::uint64_t{8} << 20U;  ///< bytes of input read at once
@@ -28,51 +26,49 @@ std::int64_t planes_at_once(const VolumeDescription& d, std::int64_t multiple) {
 
 }  // namespace
 
-VolumeValues::VolumeValues(std::shared_ptr<const Store> store)
-    : path_(store->path().string()), store_(std::move(store)) {}
-
-VolumeValues::VolumeValues(std::unique_ptr<VolumeSource> source, std::string name)
-    : path_(std::move(name)), source_(std::move(source)) {}
-
 VolumeDescription VolumeValues::describe() const {
-    if (source_) {
+    if (source_ != nullptr) {
         return source_->describe();
     }
-    const StoreHeader& h = store_->reader().layout().header();
-    return {h.nodes, h.type, h.spacing, h.origin, path_, h.direction, h.labels, h.unit, h.frame};
+    const StoreHeader& h = store_->layout().header();
+    return {h.nodes,     h.type,   h.spacing, h.origin, store_->path().string(),
+            h.direction, h.labels, h.unit,    h.frame};
 }
 
 std::vector<std::filesystem::path> VolumeValues::files() const {
-    return source_ ? source_->files() : std::vector<std::filesystem::path>{store_->path()};
+    return source_ != nullptr ? source_->files()
+                              : std::vector<std::filesystem::path>{store_->path()};
 }
 
 std::uint64_t VolumeValues::heap() const {
     const VolumeDescription d = describe();
-    const std::int64_t multiple = source_ ? source_->granularity().planes : 1;
+    const std::int64_t multiple = source_ != nullptr ? source_->granularity().planes : 1;
     const std::uint64_t slab =
         static_cast<std::uint64_t>(d.nodes.x * d.nodes.y * planes_at_once(d, multiple)) *
         size_of(d.type);
-    return slab +
-           (source_ ? source_->heap() : kSlab + 4 * largest_chunk_bytes(store_->reader().layout()));
+    return slab + (source_ != nullptr ? source_->heap()
+                                      : kSlab + 4 * largest_chunk_bytes(store_->layout()));
 }
 
-std::vector<float> VolumeValues::read(Progress& progress) {
+std::vector<float> VolumeValues::read(Progress& progress) const {
     const VolumeDescription d = describe();
     if (d.labels) {
-        throw Error(ErrorKind::unsupported, {path_},
-                    "its values are 64-bit labels, which cannot be smoothed as numbers; isonest "
-                    "extract --smooth makes smooth surfaces of labels");
+        throw Error(
+            ErrorKind::unsupported, {d.name},
+            "its values are 64-bit labels, which cannot be smoothed as numbers; smooth surfaces of "
+            "labels can be extracted");
     }
     std::vector<float> values(static_cast<std::size_t>(d.nodes.product()));
-    const std::int64_t planes = planes_at_once(d, source_ ? source_->granularity().planes : 1);
+    const std::int64_t planes =
+        planes_at_once(d, source_ != nullptr ? source_->granularity().planes : 1);
     progress.begin("read", static_cast<std::uint64_t>(d.nodes.z), "planes");
     std::unique_ptr<ChunkCache> cache;
     std::unique_ptr<Prefetcher> prefetcher;
-    if (store_) {
-        cache = std::make_unique<ChunkCache>(store_->reader(), kSlab);
-        const ArrayInfo& array = store_->reader().layout().array(0, Field::values);
+    if (store_ != nullptr) {
+        cache = std::make_unique<ChunkCache>(*store_, kSlab);
+        const ArrayInfo& array = store_->layout().array(0, Field::values);
         prefetcher = std::make_unique<Prefetcher>(
-            store_->reader(), 0, (d.nodes.z + planes - 1) / planes,
+            *store_, 0, (d.nodes.z + planes - 1) / planes,
             [&array, planes](std::int64_t i, std::vector<WantedChunk>& chunks) {
                 // A chunk is requested with the first slab that it intersects.
                 const std::int64_t depth = array.chunk.z;
@@ -90,12 +86,12 @@ std::vector<float> VolumeValues::read(Progress& progress) {
             progress.check();
             const std::int64_t count = std::min(planes, d.nodes.z - z);
             Box<T> slab({0, 0, z}, {d.nodes.x, d.nodes.y, count});
-            if (source_) {
+            if (source_ != nullptr) {
                 source_->read(z, count, 0, d.nodes.y,
                               reinterpret_cast<std::byte*>(slab.data.data()));
             } else {
                 prefetcher->reach(z / planes);
-                gather_values(*cache, store_->reader().layout().array(0, Field::values), slab);
+                gather_values(*cache, store_->layout().array(0, Field::values), slab);
             }
             float* const to = values.data() + d.nodes.linear({0, 0, z});
             for (std::size_t i = 0; i < slab.data.size(); ++i) {
@@ -103,7 +99,7 @@ std::vector<float> VolumeValues::read(Progress& progress) {
                 if (!std::isfinite(to[i])) {
                     const Int3 p = slab.size.unlinear(static_cast<std::int64_t>(i)) + slab.lo;
                     throw Error(ErrorKind::unsupported,
-                                {path_, fmt::format("node ({}, {}, {})", p.x, p.y, p.z)},
+                                {d.name, fmt::format("node ({}, {}, {})", p.x, p.y, p.z)},
                                 "the value is missing or too large for float32; smoothing needs "
                                 "numbers everywhere");
                 }
@@ -114,4 +110,4 @@ std::vector<float> VolumeValues::read(Progress& progress) {
     return values;
 }
 
-}  // namespace isonest::detail::cli
+}  // namespace isonest::detail
