@@ -188,7 +188,7 @@ double smallest_spacing(const VolumeDescription& d) {
     return nearest;
 }
 
-std::vector<std::uint8_t> members_of(const detail::NodeSet& grid) {
+std::vector<std::uint8_t> members_of(const NodeSet& grid) {
     const Int3 nodes = grid.nodes();
     std::vector<std::uint8_t> members(static_cast<std::size_t>(nodes.product()), 0);
     for (std::int64_t row = 0; row < nodes.y * nodes.z; ++row) {
