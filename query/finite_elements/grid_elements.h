@@ -5,8 +5,6 @@
 // and those outside are not visited, so every leaf is in the volume.
 #pragma once
 
-#include <tsl/robin_map.h>
-
 #include <array>
 #include <bit>
 #include <concepts>
@@ -140,45 +138,6 @@ class LatticeNumbering {
 
   private:
     Int3 nodes_;
-};
-
-/// The hash table: numbers in the order in which nodes are first visited, from 0. Thread-safety:
-/// one thread.
-class HashedNumbering {
-  public:
-    std::uint64_t corner(const Int3& p) {
-        // No pair has such a large first number.
-        constexpr std::uint64_t kCorner = std::uint64_t{1} << 63U;
-        const auto place = static_cast<std::uint64_t>((p.x != 0 ? 1 : 0) + (p.y != 0 ? 2 : 0) +
-                                                      (p.z != 0 ? 4 : 0));
-        return number({kCorner, place});
-    }
-    std::uint64_t middle(std::uint64_t a, std::uint64_t b, const Int3& /*p*/) {
-        return number(std::minmax(a, b));
-    }
-    /// Number of visited nodes.
-    [[nodiscard]] std::uint64_t count() const { return numbers_.size(); }
-    /// Size of the table in bytes.
-    [[nodiscard]] std::uint64_t heap() const {
-        // A bucket has the entry and its distance from its ideal position.
-        return numbers_.bucket_count() * (sizeof(Map::value_type) + sizeof(std::uint64_t));
-    }
-
-  private:
-    using Pair = std::pair<std::uint64_t, std::uint64_t>;
-    struct Hash {
-        std::size_t operator()(const Pair& p) const {
-            std::uint64_t h = p.first * 0x9E3779B97F4A7C15U + p.second;
-            h = (h ^ (h >> 30U)) * 0xBF58476D1CE4E5B9U;
-            return h ^ (h >> 29U);
-        }
-    };
-    using Map = tsl::robin_map<Pair, std::uint64_t, Hash>;
-    std::uint64_t number(const Pair& parents) {
-        return numbers_.try_emplace(parents, numbers_.size()).first->second;
-    }
-
-    Map numbers_;
 };
 
 /// The argument of an action.

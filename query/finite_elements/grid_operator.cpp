@@ -104,5 +104,6 @@ template class GridMatrix<float>;
 template class GridMatrix<double>;
 
 template class GridOperator<float>;
+template class GridOperator<double>;
 
 }  // namespace isonest::detail

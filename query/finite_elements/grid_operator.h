@@ -21,6 +21,7 @@
 
 #include "query/finite_elements/active_nodes.h"
 #include "query/finite_elements/finest_cells.h"
+#include "query/finite_elements/grid_blocks.h"
 #include "store/base/workers.h"
 #include "store/lattice/lattice.h"
 
@@ -131,14 +132,8 @@ class GridOperator {
     [[nodiscard]] Workers& workers() { return workers_; }
 
   private:
-    struct Block {
-        std::array<std::uint32_t, 3> corner;
-        std::uint32_t elements;  ///< bits of the walks, in the order of coarsest_elements()
-    };
     struct Input;
 
-    template <int D>
-    void find_blocks();
     template <ElementWork Work, bool HasCoefficient, int D>
     void run(const Input& input);
     template <ElementWork Work, bool HasCoefficient, int D>
@@ -150,8 +145,6 @@ class GridOperator {
     void add_coarse_weights(const Input& input, std::span<Real> mass, GridMatrix<Real>& matrix);
     template <class F>
     auto with_dimension(const F& f);
-    template <int D, class Action>
-    void for_coarse_leaves(const Action& action);
     template <int D>
     BlockCommon<Real, D> common(const Input& input) const;
     template <ElementWork Work>
@@ -161,10 +154,10 @@ class GridOperator {
     Double3 spacing_;
     const NodeSet& nodes_;
     Workers workers_;
-    int block_level_ = 0;
-    std::array<std::vector<Block>, 8> blocks_;  ///< by the parities of their coordinates
+    GridBlocks blocks_;
 };
 
 extern template class GridOperator<float>;
+extern template class GridOperator<double>;
 
 }  // namespace isonest::detail

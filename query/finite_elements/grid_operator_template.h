@@ -80,79 +80,14 @@ template <class Real>
 GridOperator<Real>::GridOperator(const Lattice& lattice, const Double3& spacing,
                                  const NodeSet& nodes, int threads)
     : lattice_(lattice), spacing_(spacing), nodes_(nodes), workers_(threads) {
-    with_dimension([&]<int D>() { find_blocks<D>(); });
-}
-
-template <class Real>
-template <int D>
-void GridOperator<Real>::find_blocks() {
-    block_level_ = std::min(kBlockLevel<D>, lattice_.top());
-    ActiveNumbers numbers(nodes_);
-    GridTraverse<D> traverse(numbers, WithinVolume{lattice_.nodes() - Int3{1, 1, 1}}, Everything{},
-                             StopsAtInactive{});
-    const auto orders = axis_orders<D>(lattice_);
-    std::vector<Element<D>> left;
-    auto nothing = [](const Element<D>&, double, Overlap) {};
-    for (const Element<D>& t : coarsest_elements<D>(lattice_)) {
-        traverse.above(t, block_level_, nothing, left);
-    }
-    const WithinVolume volume{lattice_.nodes() - Int3{1, 1, 1}};
-    std::vector<std::pair<Int3, std::uint32_t>> found;
-    for (const Element<D>& t : left) {
-        if (volume.overlap(t) != Overlap::outside) {
-            const auto walk = std::find(orders.begin(), orders.end(), axes_of(t)) - orders.begin();
-            found.emplace_back(t.bounds().first, 1U << static_cast<unsigned>(walk));
-        }
-    }
-    std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) {
-        const auto key = [](const auto& f) {
-            return std::array{f.first.z, f.first.y, f.first.x, std::int64_t{f.second}};
-        };
-        return key(a) < key(b);
-    });
-    for (const auto& [corner, element] : found) {
-        const Int3 block{corner.x >> block_level_, corner.y >> block_level_,
-                         corner.z >> block_level_};
-        auto& same = blocks_.at(
-            static_cast<std::size_t>((block.x & 1) + 2 * (block.y & 1) + 4 * (block.z & 1)));
-        const std::array<std::uint32_t, 3> at{static_cast<std::uint32_t>(corner.x),
-                                              static_cast<std::uint32_t>(corner.y),
-                                              static_cast<std::uint32_t>(corner.z)};
-        if (same.empty() || same.back().corner != at) {
-            same.push_back({at, 0});
-        }
-        same.back().elements |= element;
-    }
-}
-
-template <class Real>
-template <int D, class Action>
-void GridOperator<Real>::for_coarse_leaves(const Action& act) {
-    auto action = [&](const Element<D>& leaf, double, Overlap) {
-        if constexpr (D == 3) {
-            leaf.kind == 0   ? act.template operator()<0>(leaf)
-            : leaf.kind == 1 ? act.template operator()<1>(leaf)
-                             : act.template operator()<2>(leaf);
-        } else if constexpr (D == 2) {
-            leaf.kind == 0 ? act.template operator()<0>(leaf) : act.template operator()<1>(leaf);
-        } else {
-            act.template operator()<0>(leaf);
-        }
-    };
-    ActiveNumbers numbers(nodes_);
-    GridTraverse<D> traverse(numbers, WithinVolume{lattice_.nodes() - Int3{1, 1, 1}}, Everything{},
-                             StopsAtInactive{});
-    std::vector<Element<D>> left;
-    for (const Element<D>& t : coarsest_elements<D>(lattice_)) {
-        traverse.above(t, block_level_, action, left);
-    }
+    blocks_ = with_dimension([&]<int D>() { return find_blocks<D>(lattice_, nodes_); });
 }
 
 template <class Real>
 template <ElementWork Work, bool HasCoefficient, int D>
 void GridOperator<Real>::add_coarse(const Input& input) {
     const auto terms = terms_of<Real, D>(lattice_, spacing_, input.scale, input.lambda);
-    for_coarse_leaves<D>([&]<int Kind>(const Element<D>& leaf) {
+    for_coarse_leaves<D>(lattice_, nodes_, blocks_.level, [&]<int Kind>(const Element<D>& leaf) {
         std::array<Real, static_cast<std::size_t>(D) + 1> value{};
         std::array<Real, static_cast<std::size_t>(D) + 1> stopping{};
         std::array<Real, static_cast<std::size_t>(D) + 1> out{};
@@ -179,8 +114,8 @@ BlockCommon<Real, D> GridOperator<Real>::common(const Input& input) const {
     common.value = input.value;
     common.stopping = input.stopping;
     common.terms = terms_of<Real, D>(lattice_, spacing_, input.scale, input.lambda);
-    common.level = block_level_;
-    common.cells = std::int64_t{1} << block_level_;
+    common.level = blocks_.level;
+    common.cells = std::int64_t{1} << blocks_.level;
     common.flat = lattice_.flat_axes();
     common.walks = axis_orders<D>(lattice_);
     return common;
@@ -196,7 +131,7 @@ void GridOperator<Real>::run(const Input& input) {
         add_coarse<Work, HasCoefficient, D>(input);
         tbb::enumerable_thread_specific<Product> products(
             [&] { return Product(common, input.out); });
-        for (const std::vector<Block>& same : blocks_) {
+        for (const std::vector<GridBlock>& same : blocks_.groups) {
             tbb::parallel_for(tbb::blocked_range<std::size_t>(0, same.size()),
                               [&](const tbb::blocked_range<std::size_t>& r) {
                                   Product& product = products.local();
@@ -229,8 +164,8 @@ std::optional<GridMatrix<Real>> GridOperator<Real>::assemble(const Input& input,
         add_coarse_weights<HasCoefficient, D>(input, mass, matrix);
         bytes = matrix.heap();
         tbb::enumerable_thread_specific<Local> locals([&] { return Local{Weights(common), {}}; });
-        for (std::size_t group = 0; group < blocks_.size(); ++group) {
-            const std::vector<Block>& same = blocks_[group];
+        for (std::size_t group = 0; group < blocks_.groups.size(); ++group) {
+            const std::vector<GridBlock>& same = blocks_.groups[group];
             auto& made = matrix.blocks_[group];
             bytes += same.size() * sizeof(EdgeWeights<Real>);
             if (bytes > most) {
@@ -264,7 +199,7 @@ template <bool HasCoefficient, int D>
 void GridOperator<Real>::add_coarse_weights(const Input& input, std::span<Real> mass,
                                             GridMatrix<Real>& matrix) {
     const auto terms = terms_of<Real, D>(lattice_, spacing_, input.scale, input.lambda);
-    for_coarse_leaves<D>([&]<int Kind>(const Element<D>& leaf) {
+    for_coarse_leaves<D>(lattice_, nodes_, blocks_.level, [&]<int Kind>(const Element<D>& leaf) {
         const ElementTerms<Real>& t =
             terms[static_cast<std::size_t>(leaf.level)][static_cast<std::size_t>(Kind)];
         const ElementAxes<D> axes = axes_of(leaf);

@@ -131,8 +131,9 @@ void for_rows(std::int64_t rows, const F& f) {
 }
 
 /// Computes the inactive refinement nodes of one slot from the nodes of coarser levels.
+template <class Real>
 void prolong_slot(const Lattice& lattice, const NodeSet& set, int level, int slot,
-                  std::span<float> all) {
+                  std::span<Real> all) {
     const Int3 nodes = lattice.nodes();
     const SlotRows slot_rows(lattice, level, slot);
     for_rows(slot_rows.rows(), [&](std::int64_t row) {
@@ -142,15 +143,15 @@ void prolong_slot(const Lattice& lattice, const NodeSet& set, int level, int slo
             return all.data() + nodes.linear({0, y, z});
         };
         const std::span<const std::uint64_t> active = set.row_words(first.y, first.z);
-        float* const to = from(first.y, first.z);
-        const float* const end0 = from(first.y - half.y, first.z - half.z);
-        const float* const end1 = from(first.y + half.y, first.z + half.z);
+        Real* const to = from(first.y, first.z);
+        const Real* const end0 = from(first.y - half.y, first.z - half.z);
+        const Real* const end1 = from(first.y + half.y, first.z + half.z);
         for (std::int64_t i = 0, x = first.x; i < slot_rows.count.x;
              ++i, x += 2 * slot_rows.scale) {
             if ((active[static_cast<std::size_t>(x / 64)] >> static_cast<unsigned>(x % 64) & 1U) ==
                 0) {
                 const std::int64_t by = i % 2 != 0 ? -half.x : half.x;
-                to[x] = 0.5F * end0[x - by] + 0.5F * end1[x + by];
+                to[x] = Real{0.5} * end0[x - by] + Real{0.5} * end1[x + by];
             }
         }
     });
@@ -167,11 +168,12 @@ void restrict_to(const NodeSet& set, std::span<const float> all, std::span<float
     });
 }
 
-void prolong(const Lattice& lattice, const NodeSet& set, std::span<const float> active,
-             std::span<float> all) {
+template <class Real>
+void prolong(const Lattice& lattice, const NodeSet& set, std::span<const Real> active,
+             std::span<Real> all) {
     const Int3 nodes = set.nodes();
     for_rows(nodes.y * nodes.z, [&](std::int64_t row) {
-        float* const to = all.data() + row * nodes.x;
+        Real* const to = all.data() + row * nodes.x;
         set.for_row({0, row % nodes.y, row / nodes.y}, nodes.x,
                     [&](std::int64_t x, std::uint64_t number) { to[x] = active[number]; });
     });
@@ -186,6 +188,9 @@ void prolong(const Lattice& lattice, const NodeSet& set, std::span<const float> 
         }
     }
 }
+
+template void prolong(const Lattice&, const NodeSet&, std::span<const float>, std::span<float>);
+template void prolong(const Lattice&, const NodeSet&, std::span<const double>, std::span<double>);
 
 namespace {
 
@@ -371,7 +376,7 @@ SmoothStep NonlinearDiffusion::step(Progress& progress) {
         values_.swap(x);
     } else {
         values_.resize(static_cast<std::size_t>(lattice_.nodes().product()));
-        workers.execute([&] { prolong(lattice_, set, x, values_); });
+        workers.execute([&] { prolong<float>(lattice_, set, x, values_); });
     }
     return report;
 }

@@ -42,8 +42,9 @@ void restrict_to(const NodeSet& set, std::span<const float> all, std::span<float
 
 /// The function with these values at the active nodes, at all nodes of the lattice. REQUIRES: the
 /// set was made by active_nodes().
-void prolong(const Lattice& lattice, const NodeSet& set, std::span<const float> active,
-             std::span<float> all);
+template <class Real>
+void prolong(const Lattice& lattice, const NodeSet& set, std::span<const Real> active,
+             std::span<Real> all);
 
 /// A function on a lattice that is smoothed step by step; the result is the same for any number of
 /// threads. Thread-safety: one thread.

@@ -57,7 +57,7 @@ VisitCounts count_surface(ChunkCache& cache, const TraversalQuery& query,
     return visits;
 }
 
-bool is_of_cells(const StudyField& field) {
+bool is_of_cells(const AnyField& field) {
     const Field* const stored = std::get_if<Field>(&field);
     return stored != nullptr && isonest::is_of_cells(*stored);
 }
@@ -75,19 +75,10 @@ Shares share(const StoreReader& store, const StudyOptions& options, std::optiona
     const std::uint64_t largest = largest_chunk_bytes(layout);
     // One chunk is held, one more is in the cache.
     const std::uint64_t each = decode_heap(largest) + 2 * largest + kIndicatorBoxHeap;
-<<<<<<< HEAD
     std::vector<TraversalQuery> extractions;
-    for (const StudyField& field : options.fields) {
+    for (const AnyField& field : options.fields) {
         if (options.iso && is_of_cells(field)) {
             extractions.push_back(surface_query(store, *options.iso, std::get<Field>(field), 0));
-=======
-    std::uint64_t least = each;
-    for (const AnyField& field : options.fields) {
-        if (options.iso) {
-            const TraversalQuery query =
-                surface_query(store, *options.iso, std::get<Field>(field), 0);
-            least = std::max(least, min_heap(store, query, nullptr));
->>>>>>> w-pub
         }
     }
     std::uint64_t least = each;
@@ -95,7 +86,6 @@ Shares share(const StoreReader& store, const StudyOptions& options, std::optiona
         least = std::max(least, min_heap(store, query, nullptr));
     }
     Shares shares;
-<<<<<<< HEAD
     const std::string what = "a study of this volume";
     const MemoryShare memory =
         MemoryShare(store.path().string(), options.memory, Workers::count_of(options.threads))
@@ -109,23 +99,6 @@ Shares share(const StoreReader& store, const StudyOptions& options, std::optiona
         const TraversalBudget budget =
             share_memory(store, query, nullptr, memory.with_threads(shares.threads), false);
         shares = {budget.threads, std::min(shares.cache, budget.cache), budget.part_vertices};
-=======
-    require_memory(store.path().string(), options.memory, kLibraryHeap + nodes + least,
-                   "a study of this volume", {{RemedyKind::smaller_box}});
-    const std::uint64_t usable = options.memory - kLibraryHeap - nodes;
-    const auto threads = std::clamp<std::uint64_t>(
-        usable / each, 1, static_cast<std::uint64_t>(Workers::count_of(options.threads)));
-    shares.threads = static_cast<int>(threads);
-    shares.cache = usable - threads * (each - 2 * largest);
-    if (options.iso) {
-        for (const AnyField& field : options.fields) {
-            const TraversalBudget budget = share_memory(
-                store, surface_query(store, *options.iso, std::get<Field>(field), 0), nullptr,
-                MemoryShare(store.path().string(), options.memory, shares.threads).without(nodes),
-                false);
-            shares = {budget.threads, std::min(shares.cache, budget.cache), budget.part_vertices};
-        }
->>>>>>> w-pub
     }
     return shares;
 }
@@ -223,7 +196,7 @@ Study study(const StoreReader& store, StudyOptions options, Progress& progress) 
     const LatticePlane* const cut = plane ? &*plane : nullptr;
     std::optional<Field> bound;
     if (options.iso && !std::all_of(options.fields.begin(), options.fields.end(),
-                                    [](const StudyField& f) { return is_of_cells(f); })) {
+                                    [](const AnyField& f) { return is_of_cells(f); })) {
         bound = bound_of(layout);
         static_cast<void>(layout.array(std::min(1, layout.lattice().top()), *bound));
     }

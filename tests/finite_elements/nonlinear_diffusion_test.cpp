@@ -333,7 +333,7 @@ TEST_CASE("a grid's function at inactive nodes is the linear function of their e
     std::vector<float> active(static_cast<std::size_t>(set.count()));
     std::vector<float> all(values.size(), -1);
     restrict_to(set, values, active);
-    prolong(lattice, set, active, all);
+    prolong<float>(lattice, set, active, all);
     const ExplicitGrid<3> grid(lattice, wanted);
     std::vector<int> seen(values.size());
     for (const Element<3>& t : grid.leaves()) {

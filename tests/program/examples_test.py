@@ -4,6 +4,7 @@ compiles on its own; and so does the C++ snippet of the manual, in a project lik
 
 usage: examples_test.py ISONEST [PLUGIN_FOLDER]
 """
+import itertools
 import math
 import os
 import pathlib
@@ -11,6 +12,10 @@ import re
 import subprocess
 import sys
 import tempfile
+
+import numpy
+import scipy.sparse
+import scipy.sparse.linalg
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"]
@@ -36,6 +41,47 @@ MANUAL_AFTER = """
 std::printf("%zu vertices, %zu triangles\\n", mesh.vertices.size(), mesh.triangles.size());
 }
 """
+PHASE_STEPS = 25
+
+
+def phases(u, cells, dimension):
+    """The steps of tools/examples/cahn_hilliard.cpp on all nodes, by matrices that are assembled element by element."""
+    shape = (cells + 1,) * dimension
+    strides = (cells + 1) ** numpy.arange(dimension)
+    corners = numpy.stack(numpy.meshgrid(*[numpy.arange(cells)] * dimension), -1).reshape(-1, dimension)
+    even, odd = corners + corners % 2, corners + 1 - corners % 2
+    mass = numpy.zeros(u.size)
+    rows, columns, entries = [], [], []
+    for order in itertools.permutations(range(dimension)):
+        # A walk along the axes from the even corner of each cell to the odd one.
+        vertices = [even.copy()]
+        for axis in order:
+            vertices.append(vertices[-1].copy())
+            vertices[-1][:, axis] = odd[:, axis]
+        edges = numpy.stack([v - vertices[0] for v in vertices[1:]], 1).astype(float)
+        gradients = numpy.swapaxes(numpy.linalg.inv(edges), 1, 2)
+        gradients = numpy.concatenate([-gradients.sum(1, keepdims=True), gradients], 1)
+        size = numpy.abs(numpy.linalg.det(edges)) / math.factorial(dimension)
+        local = size[:, None, None] * numpy.einsum("eia,eja->eij", gradients, gradients)
+        numbers = numpy.stack([v @ strides for v in vertices], 1)
+        for i in range(dimension + 1):
+            numpy.add.at(mass, numbers[:, i], size / (dimension + 1))
+            for j in range(dimension + 1):
+                rows.append(numbers[:, i])
+                columns.append(numbers[:, j])
+                entries.append(local[:, i, j])
+    stiffness = scipy.sparse.csc_matrix((numpy.concatenate(entries), (numpy.concatenate(rows), numpy.concatenate(columns))),
+                                        shape=(u.size, u.size))
+    check(math.isclose(mass.sum(), cells ** dimension) and math.prod(shape) == u.size, "the reference's masses")
+    eps, tau = 2, 8
+    of_masses = scipy.sparse.diags
+    matrix = of_masses(mass) + 2 * tau * stiffness + tau * eps**2 * stiffness @ of_masses(1 / mass) @ stiffness
+    solve = scipy.sparse.linalg.splu(matrix.tocsc()).solve
+    for _ in range(PHASE_STEPS):
+        u = solve(mass * u - tau * (stiffness @ (u**3 - 3 * u)))
+    return u
+
+
 build_tree = pathlib.Path(sys.argv[1]).resolve().parent.parent
 
 
@@ -160,4 +206,31 @@ with tempfile.TemporaryDirectory() as temporary:
     triangles = int(re.search(r"gyroid.glb: (\d+) triangles", printed["own_source"]).group(1))
     check(f'"count":{3 * triangles},' .encode() in glb, "own_source: the number of triangles")
     check("refused: gyroid.glb: " in printed["own_source"], "own_source: the file was replaced")
+
+    # Both preconditioners solve the same system; a(u, u) = (f, u) for the discrete solution.
+    jacobi, multilevel, count, energy, work_of_f = map(float, re.search(
+        r"Jacobi: (\d+) iterations\nmultilevel: (\d+) iterations\n(\d+) of 274625 nodes, energy ([\d.]+), work ([\d.]+)",
+        printed["poisson"]).groups())
+    check(1 < multilevel < jacobi, "poisson: iterations")
+    check(count < 274625 / 2, "poisson: the grid is not adaptive")
+    check(0 < energy and math.isclose(energy, work_of_f, rel_tol=1e-6), "poisson: the energy is not the work")
+
+    # The steps of Cahn-Hilliard on all nodes are those of assembled matrices; an adaptive grid stays near them with fewer
+    # nodes. Everywhere the integral stays and the energy falls.
+    for dimension, cells, threshold in ((2, 64, 0), (2, 64, 0.01), (3, 16, 0), (3, 16, 0.01)):
+        name = f"cahn_hilliard {dimension} {cells} {threshold}"
+        folder = work / name.replace(" ", "-")
+        folder.mkdir()
+        text = run(work / "build" / "cahn_hilliard", dimension, cells, PHASE_STEPS, threshold, cwd=folder)
+        steps = re.findall(r"^step \d+: (\d+) nodes .*, energy (\S+) -> (\S+), total changed by (\S+), ", text, re.M)
+        check(len(steps) == PHASE_STEPS, f"{name}: {text}")
+        first, last = (numpy.fromfile(folder / f"{which}.raw") for which in ("first", "last"))
+        expected = phases(first, cells, dimension)
+        check(numpy.abs(expected - first).max() > 0.3, f"{name}: nothing happened")
+        worst = numpy.abs(last - expected).max()
+        print(f"{name}: {min(int(s[0]) for s in steps)} of {first.size} nodes, differs by {worst:.2g}")
+        check(worst < (1e-7 if threshold == 0 else 0.1), f"{name}: differs by {worst}")
+        check(all(float(s[2]) < float(s[1]) for s in steps), f"{name}: the energy rose")
+        check(all(abs(float(s[3])) < 1e-11 * first.size for s in steps), f"{name}: the integral changed")
+        check(int(steps[0][0]) == first.size and (int(steps[-1][0]) < first.size) == (threshold > 0), f"{name}: nodes")
 print(f"{len(headers)} headers, {len(programs)} programs")

@@ -3,8 +3,7 @@
 // Source: Gerstner, Rumpf, Weikard (2000), section 6: the number of cells k and the error of the
 // projection P U as functions of the threshold, and the efficiency E = 1 / (k ||P U - U||). There k
 // is the number of visited cells, including those of coarser levels, and indicators are compared at
-// the same threshold. Here the efficiency is given for both numbers, the visited cells and the
-// mesh's elements.
+// the same threshold. Here the same quotient is also given for the mesh's elements.
 #pragma once
 
 #include <cstdint>
@@ -26,8 +25,8 @@ struct StudyOptions {
     std::vector<AnyField> fields = {};
     int steps = 25;       ///< number of thresholds from 1 down to `least`, in a geometric sequence
     double least = 1e-4;  ///< relative to the field's largest value
-    /// Also count what the extraction of this isosurface visits. Needs fields of the store, because
-    /// extraction reads them; those of cells only in a volume.
+    /// Also count what AdaptTraverse visits for this isosurface. The store must have a bound for the
+    /// interest test; fields of cells only in a volume.
     std::optional<double> iso = {};
     /// Restrict the mesh and its error to this plane. Only with a volume, without an isosurface,
     /// and with fields of nodes; the last also applies to all options below.
@@ -57,32 +56,30 @@ struct TrueNorms {
 /// threshold are not refined: linear on each simplex, or d-linear in each cell. Norms are over the
 /// volume without missing data, at the nodes of the finest lattice (the trapezoidal rule), and
 /// relative to the volume's size and the data's range: so they are between 0 and 1. With a plane,
-/// the elements are those whose section has an area, the visited cells are these and their
-/// ancestors, and the norms are over the plane's part in the volume (exact, and relative to its
-/// area).
+/// the elements are those whose section has an area, and the norms are over the plane's part in the
+/// volume (exact, and relative to its area).
 struct StudyRow {
     AnyField field = Field::linf_bar;
     double threshold = 0;       ///< relative to the field's largest finite value
-    std::uint64_t visited = 0;  ///< cells of all levels, including the mesh's elements
+    std::uint64_t visited = 0;  ///< cells of all levels that AdaptTraverse tests for interest
     std::uint64_t leaves = 0;   ///< the mesh's elements, including those that extend outside
     std::uint64_t nodes = 0;  ///< the mesh's nodes in the volume that do not hang; not for a plane
     ErrorNorms norms;         ///< ||P U - U||
     TrueNorms true_norms;     ///< with StudyOptions::power
     double graph_distance = 0;      ///< with StudyOptions::graphs
-    std::uint64_t iso_visited = 0;  ///< with StudyOptions::iso
-    std::uint64_t iso_leaves = 0;
+    std::uint64_t iso_visited = 0;  ///< with StudyOptions::iso: the same for the isosurface
+    std::uint64_t iso_leaves = 0;   ///< the mesh's elements that it crosses
 
-    /// 1 / (leaves * error); +inf where the error is 0.
-    [[nodiscard]] double efficiency(double error) const {
-        return 1 / (static_cast<double>(leaves) * error);
-    }
-    /// The paper's: 1 / (visited * error); +inf where the error is 0.
-    [[nodiscard]] double efficiency_of_visited(double error) const {
-        return 1 / (static_cast<double>(visited) * error);
-    }
-    /// The same for what the extraction of the isosurface visits; the error is the volume's.
-    [[nodiscard]] double efficiency_of_visited_for_iso(double error) const {
-        return 1 / (static_cast<double>(iso_visited) * error);
+    /// The paper's E = 1 / (visited * error); +inf where the error is 0.
+    [[nodiscard]] double efficiency(double error) const { return one_over(visited, error); }
+    /// The same for the isosurface; the error is the volume's.
+    [[nodiscard]] double iso_efficiency(double error) const { return one_over(iso_visited, error); }
+    /// 1 / (leaves * error): at the same number of elements this compares the errors.
+    [[nodiscard]] double element_efficiency(double error) const { return one_over(leaves, error); }
+
+  private:
+    static double one_over(std::uint64_t count, double error) {
+        return 1 / (static_cast<double>(count) * error);
     }
 };
 

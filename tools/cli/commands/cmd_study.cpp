@@ -261,16 +261,13 @@ Result run(StudyArguments& a, Progress& progress) {
                    {"rows", rows}};
     result.text = fmt::format(
         "{}: study.csv and plots of {} fields at {} thresholds; the finest mesh "
-<<<<<<< HEAD
-        "has {} elements, the finest grid {} cells\nThe columns efficiency_* are 1 / (visited "
+        "has {} elements, the finest grid {} cells
+The columns efficiency_* are 1 / (visited "
         "error); "
-        "1 / (elements error), which had these names before, is element_efficiency_*\n",
-        a.folder, a.study.fields.size(), a.study.steps, s.all_elements, s.all_cells);
-=======
-        "has {} elements, the finest grid {} cells\n",
+        "1 / (elements error), which had these names before, is element_efficiency_*
+",
         a.folder, s.rows.size() / static_cast<std::size_t>(a.study.steps), a.study.steps,
         s.all_elements, s.all_cells);
->>>>>>> w-pub
     add_fetched(opened, result);
     return result;
 }
