@@ -67,7 +67,7 @@ std::span<const float> Smoothing::values() const {
 }
 
 std::vector<std::uint8_t> Smoothing::grid(Progress& progress) const {
-    const detail::NodeSet set = diffusion_->grid(progress);
+    const NodeSet set = diffusion_->grid(progress);
     const Int3 n = set.nodes();
     std::vector<std::uint8_t> members(static_cast<std::size_t>(n.product()), 0);
     for (std::int64_t row = 0; row < n.y * n.z; ++row) {
