@@ -91,7 +91,7 @@ void require_new(const std::filesystem::path& keep) {
 
 /// Removes duplicates and sorts in the order of a store.
 std::vector<Field> sorted_fields(std::vector<Field> fields) {
-    std::sort(fields.begin(), fields.end());
+    std::sort(fields.begin(), fields.end(), precedes);
     fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
     fields.erase(std::remove(fields.begin(), fields.end(), Field::values), fields.end());
     return fields;

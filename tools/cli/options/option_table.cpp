@@ -54,6 +54,7 @@ constexpr OptionRow kOptions[] = {
     {"export", "--field", kWhat, "NAME", "values, or an indicator, as deviation_bar [values]"},
     {"export", "--level", kWhat, "L", "every 2^L-th value; indicators of level L and up [0]"},
     {"", "--indicators", kWhat, "NAMES", "as above [{}]"},
+    {"", "--own", kWhat, "NAME=FILE", "indicator from a volume of numbers: own:NAME_bar"},
     {"smooth", "--steps", kWhat, "N", "how many steps"},
     {"", "--tau", kWhat, "T", "time of a step, in squared world units"},
     {"", "--lambda", kWhat, "L", "gradient at which half flows"},
