@@ -127,4 +127,10 @@ with tempfile.TemporaryDirectory() as temporary:
     triangles = int(re.search(r"gyroid.glb: (\d+) triangles", printed["own_source"]).group(1))
     check(f'"count":{3 * triangles},' .encode() in glb, "own_source: the number of triangles")
     check("refused: gyroid.glb: " in printed["own_source"], "own_source: the file was replaced")
+
+    # Fewer triangles for a larger threshold; the same formula gives the same mesh.
+    spread = [int(n) for n in re.findall(r"^spread below .*: (\d+) triangles$", printed["own_indicator"], re.M)]
+    check(len(spread) == 3 and spread[0] > spread[1] > spread[2] > 0, "own_indicator: the thresholds")
+    offset, linf = map(int, re.search(r"^offset: (\d+) triangles, linf: (\d+)$", printed["own_indicator"], re.M).groups())
+    check(offset == linf > 0, "own_indicator: the formula of linf")
 print(f"{len(headers)} headers, {len(programs)} programs")
