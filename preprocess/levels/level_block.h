@@ -17,6 +17,7 @@
 #include "preprocess/indicators/layer.h"
 #include "preprocess/indicators/normal_indicators.h"
 #include "preprocess/indicators/offset_norms.h"
+#include "preprocess/indicators/own_indicators.h"
 #include "preprocess/indicators/row_kernels.h"
 #include "preprocess/indicators/value_rows.h"
 #include "store/base/vectors.h"
@@ -67,6 +68,8 @@ struct LevelTask {
     /// Deviations of the cubes of level L - 2, cubes 4 lo - 2 to 4 hi + 2, NaN outside; null for L
     /// <= 2.
     const Box<float>* fine_deviation = nullptr;
+    /// The caller's indicators; null if there are none.
+    const OwnIndicators* own = nullptr;
     /// At level 1 without deviation, see source_at_level_1().
     std::vector<FieldTask> fields;
 
@@ -125,6 +128,15 @@ void mark_missing_support(const LevelTask<T>& task, std::int64_t k, int first_sl
     });
 }
 
+/// The smallest number of the type that is not below `number`.
+template <class Real>
+Real round_up(double number) {
+    const auto nearest = static_cast<Real>(number);
+    return static_cast<double>(nearest) < number
+               ? std::nextafter(nearest, std::numeric_limits<Real>::infinity())
+               : nearest;
+}
+
 /// Unsaturated measures of the nodes of one layer, by indicator.
 template <class T>
 class Measures {
@@ -142,8 +154,12 @@ class Measures {
                 norms_.emplace(task.steps, task.level, task.flat);
             }
             cell_wanted_ = cell_wanted_ || is_of_cells(f.field);
-            normal_wanted_ =
-                normal_wanted_ || (indicator >= Indicator::normal && !is_of_cells(f.field));
+            normal_wanted_ = normal_wanted_ || (indicator >= Indicator::normal &&
+                                                indicator <= Indicator::normal_component);
+        }
+        if (task.own != nullptr) {
+            batch_.emplace(nx, ny, task.own->volume());
+            own_.assign(task.own->size(), Layer<Real>(nx, ny));
         }
         if (offset_wanted_) {
             planes_.fill(SplitPlane<Real>(task.range));
@@ -186,6 +202,9 @@ class Measures {
         if (normals_) {
             normal_changes(k, last);
         }
+        if (batch_) {
+            own_indicators(k, last);
+        }
         if (cell_wanted_) {
             cell_.clear();
             if (has_odd || (task_.flat & 4U) != 0) {
@@ -197,10 +216,10 @@ class Measures {
     /// Copies the measure of a field, or moves it if no other field needs it.
     void hand_out(std::size_t which, std::int64_t k, Layer<Real>& to) {
         const Indicator indicator = indicator_of(task_.fields[which].field);
-        Layer<Real>& from = layer_of(indicator);
+        Layer<Real>& from = layer_of(task_.fields[which].field);
         const bool needed = std::any_of(
             task_.fields.begin() + static_cast<std::ptrdiff_t>(which) + 1, task_.fields.end(),
-            [&](const FieldTask& f) { return &layer_of(indicator_of(f.field)) == &from; });
+            [&](const FieldTask& f) { return &layer_of(f.field) == &from; });
         if (needed) {
             to = from;
         } else {
@@ -213,8 +232,10 @@ class Measures {
     }
 
   private:
-    Layer<Real>& layer_of(Indicator indicator) {
-        switch (indicator) {
+    Layer<Real>& layer_of(Field field) {
+        switch (indicator_of(field)) {
+            case Indicator::of_user:
+                return own_[task_.own->index_of(field)];
             case Indicator::deviation:
                 return deviation_;
             case Indicator::hex_offset:
@@ -307,6 +328,45 @@ class Measures {
         }
     }
 
+    void own_indicators(std::int64_t k, int last) {
+        for (Layer<Real>& layer : own_) {
+            layer.clear();
+        }
+        const Box<T>& box = task_.values->values;
+        const Int3 elements = max(task_.range.cells, {1, 1, 1});
+        for (int slot = 0; slot <= last; ++slot) {
+            if ((static_cast<unsigned>(slot + 1) & task_.flat) != 0) {
+                continue;
+            }
+            const Int3 o = slot_offset(slot);
+            const std::int64_t nx = task_.range.count(0, static_cast<int>(o.x));
+            for (std::int64_t j = 0; j < task_.range.count(1, static_cast<int>(o.y)); ++j) {
+                if (!batch_->has_room(nx)) {
+                    finish_batch(slot);
+                }
+                for (std::int64_t i = 0; i < nx; ++i) {
+                    const Int3 owner{task_.range.lo.x + i, task_.range.lo.y + j, k};
+                    const bool complete = batch_->add(
+                        owner, slot, task_.level, task_.flat, elements, i, j,
+                        [&](const Int3& p) { return static_cast<double>(box.at(p * task_.step)); });
+                    for (std::size_t w = 0; w < own_.size() && !complete; ++w) {
+                        own_[w].row(slot, j)[i] = std::numeric_limits<Real>::infinity();
+                    }
+                }
+            }
+            finish_batch(slot);
+        }
+    }
+
+    void finish_batch(int slot) {
+        for (std::size_t w = 0; w < own_.size(); ++w) {
+            batch_->evaluate(*task_.own, w, [&](std::int64_t i, std::int64_t j, double eta) {
+                own_[w].row(slot, j)[i] = round_up<Real>(eta);
+            });
+        }
+        batch_->clear();
+    }
+
     const LevelTask<T>& task_;
     std::optional<OffsetNorms> norms_;  ///< if a field is a multiple of |U_delta|
     bool offset_wanted_ = false;
@@ -317,6 +377,8 @@ class Measures {
     Layer<Real> eta_;
     Layer<Real> deviation_;
     std::array<Layer<Real>, 4> changes_;
+    std::vector<Layer<Real>> own_;
+    std::optional<DiamondBatch> batch_;  ///< if there are own indicators
     std::optional<MissingBox> missing_;
     std::optional<DeviationKernel<Real>> kernel_;
     std::optional<NormalIndicators> normals_;

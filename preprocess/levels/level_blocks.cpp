@@ -135,7 +135,7 @@ std::vector<EncodedChunk> base_block(const PassContext& context, const PlaneWind
     // Level 1, one ring of cubes wider than the block, for the children of level 2's edges.
     const LayerRange ring{max(block * k - one, {0, 0, 0}),
                           min((block + one) * k + one, lattice.cells_at(1)), lattice.cells_at(1)};
-    LevelTask<T> first = level_task(layout, 1, ring, box);
+    LevelTask<T> first = level_task(context, 1, ring, box);
     const LayerRange second = range_of(layout, 2, block * (k / 2), one * (k / 2));
     std::map<Field, Box<float>> centres;
     for (const Field field : fields_at(layout, 1)) {
@@ -151,7 +151,7 @@ std::vector<EncodedChunk> base_block(const PassContext& context, const PlaneWind
     if (lattice.top() < 2) {
         return out;
     }
-    LevelTask<T> task = level_task(layout, 2, second, box);
+    LevelTask<T> task = level_task(context, 2, second, box);
     for (const Field field : fields_at(layout, 2)) {
         task.fields.push_back({field, &centres.at(source_at_level_1(field))});
     }
@@ -236,7 +236,7 @@ void coarse_indicators(const PassContext& context, FinerLevels& finer, int level
     const StoreLayout& layout = context.layout;
     const Int3 one{1, 1, 1};
     const LayerRange range = range_of(layout, level, first, count);
-    LevelTask<T> task = level_task(layout, level, range, box);
+    LevelTask<T> task = level_task(context, level, range, box);
     std::vector<Box<float>> centres(
         layout.header().fields.size(),
         Box<float>(range.lo * 2 - one, (range.hi - range.lo) * 2 + one * 2));

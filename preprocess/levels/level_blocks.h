@@ -48,9 +48,11 @@ class CachedLevels : public FinerLevels {
 
 /// The input of run_level() except the fields. `box` is borrowed.
 template <class T>
-LevelTask<T> level_task(const StoreLayout& layout, int level, const LayerRange& range,
+LevelTask<T> level_task(const PassContext& context, int level, const LayerRange& range,
                         const ValueBox<T>& box) {
+    const StoreLayout& layout = context.layout;
     LevelTask<T> task;
+    task.own = context.own;
     task.range = range;
     task.values = &box;
     task.step = level == 1 ? 1 : 2;

@@ -48,6 +48,12 @@ BlockHeap block_heap(const StoreLayout& layout) {
     heap.indicator_chunks = indicators * code * kRawAndEncoded;
     heap.centres = fields * sizeof(float) * cube(k + 2);
     heap.layers = fields * kLayersPerField * kSlots * kReal * (k + 4) * (k + 4);
+    const auto own = static_cast<std::uint64_t>(
+        std::count_if(header.fields.begin(), header.fields.end(), is_own));
+    if (own > 0) {
+        heap.layers +=
+            own / 2 * kSlots * kReal * (k + 4) * (k + 4) + DiamondBatch::heap(k + 4, k + 4);
+    }
     heap.planes = kPlanes * kReal * (2 * k + 16) * (2 * k + 16);
     heap.codec = codec_heap(chunk * value, header.compression);
     return heap;

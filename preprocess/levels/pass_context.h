@@ -10,6 +10,7 @@
 #include <isonest/volume_source.h>
 
 #include "preprocess/indicators/layer.h"
+#include "preprocess/indicators/own_indicators.h"
 #include "preprocess/levels/centre_store.h"
 #include "store/container/format.h"
 
@@ -57,6 +58,7 @@ PassBudget share_memory(const StoreLayout& layout, const VolumeSource& source,
 struct PassContext {
     const StoreLayout& layout;
     CentreStore& centres;
+    const OwnIndicators* own = nullptr;  ///< null if there are none
 };
 
 /// Nodes that a block needs beyond its own: two for the deviation of level 2 of a base block, and

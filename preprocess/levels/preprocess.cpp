@@ -73,11 +73,11 @@ void run_blocks(const Int3& grid, int tokens, const Block& compute, const Output
 
 /// `done`: what is already complete.
 template <class T>
-void run_levels(const Outputs& outputs, PlaneWindow& window, const Checkpoint& done,
-                const PassBudget& budget, Progress& progress) {
+void run_levels(const Outputs& outputs, const OwnIndicators& own, PlaneWindow& window,
+                const Checkpoint& done, const PassBudget& budget, Progress& progress) {
     const StoreLayout& layout = outputs.writer.layout();
     const Lattice& lattice = layout.lattice();
-    const PassContext context{layout, outputs.centres};
+    const PassContext context{layout, outputs.centres, own.size() > 0 ? &own : nullptr};
     const Int3 grid = base_grid(layout);
     const auto volume_bytes = static_cast<std::uint64_t>(lattice.nodes().product()) * sizeof(T);
     const std::uint64_t per_block = volume_bytes / static_cast<std::uint64_t>(grid.product());
@@ -156,10 +156,11 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
     StoreHeader header = header_of(source.describe(), options);
     const std::vector<LabelName> label_names = label_names_of(source);
     header.label_names = !label_names.empty();
+    const OwnIndicators own(options.own, source.describe());
     const PassBudget budget = share_memory(StoreLayout(header), source, options, workers.count());
     StoreWriter writer(store, header, options.force);
     const StoreLayout& layout = writer.layout();
-    const std::string identity = identity_of(header, source, options.resume);
+    const std::string identity = identity_of(header, source, options);
     RunJournal journal(writer.temporary(), identity);
     CentreStore centres(layout.lattice(), header.fields, centres_name(writer.temporary()));
     const Outputs outputs{writer, journal, centres};
@@ -175,7 +176,7 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
         PlaneWindow window(source, planes, budget.rest, store.parent_path(), progress);
         report.input_on_disk = window.on_disk();
         dispatch(header.type, [&](auto tag) {
-            run_levels<typename decltype(tag)::type>(outputs, window, done, budget, progress);
+            run_levels<typename decltype(tag)::type>(outputs, own, window, done, budget, progress);
         });
         write_cube_ranges(centres, writer);
         if (!label_names.empty()) {

@@ -7,12 +7,16 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <span>
 #include <string>
+#include <vector>
 
 #include <isonest/error.h>
 #include <isonest/field.h>
 
+#include "preprocess/indicators/own_indicators.h"
 #include "preprocess/indicators/value_rows.h"
+#include "store/base/checksum.h"
 #include "store/base/label_text.h"
 #include "store/base/vectors.h"
 #include "store/container/format.h"
@@ -43,6 +47,15 @@ StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& 
     header.compression = options.compression;
     header.exact = options.exact;
     header.fields = options.fields;
+    const std::vector<Field> own = OwnIndicators(options.own, volume).fields();
+    for (const Field field : options.fields) {
+        if (is_own(field) && std::find(own.begin(), own.end(), field) == own.end()) {
+            throw Error(
+                ErrorKind::invalid_argument, {volume.name},
+                fmt::format("{} has no function or volume that says its numbers", name_of(field)));
+        }
+    }
+    header.fields.insert(header.fields.end(), own.begin(), own.end());
     return header;
 }
 
@@ -54,7 +67,29 @@ std::vector<LabelName> label_names_of(const VolumeSource& source) {
     return names;
 }
 
-std::string identity_of(const StoreHeader& h, const VolumeSource& source, bool resume) {
+std::string own_identities(const std::vector<OwnIndicator>& own) {
+    std::vector<std::string> lines;
+    for (const OwnIndicator& indicator : own) {
+        Checksum sum;
+        sum.add(std::as_bytes(std::span(indicator.identity)));
+        lines.push_back(fmt::format("own {} {:016x}\n", indicator.name, sum.value()));
+    }
+    std::sort(lines.begin(), lines.end());
+    return fmt::format("{}", fmt::join(lines, ""));
+}
+
+std::string identity_of(const StoreHeader& h, const VolumeSource& source,
+                        const PreprocessOptions& options) {
+    const bool resume = options.resume;
+    for (const OwnIndicator& indicator : options.own) {
+        if (resume && indicator.identity.empty()) {
+            throw Error(ErrorKind::invalid_argument, {source.describe().name},
+                        fmt::format("the indicator {} has no identity, so a resumed run cannot "
+                                    "check that it is the same",
+                                    indicator.name),
+                        {{RemedyKind::no_resume}});
+        }
+    }
     constexpr std::size_t kLongest = 32768;
     std::string input = source.identity();
     if (input.size() > kLongest || (input.empty() && resume)) {
@@ -82,7 +117,9 @@ std::string identity_of(const StoreHeader& h, const VolumeSource& source, bool r
                 ? ""
                 : fmt::format("direction {}\n", fmt::join(vtk_direction(h.direction), " "))) +
            (h.unit ? fmt::format("unit {}\n", symbol_of(*h.unit)) : "") +
-           (h.frame == AnatomicalFrame::unknown ? "" : fmt::format("frame {}\n", name_of(h.frame)));
+           (h.frame == AnatomicalFrame::unknown ? ""
+                                                : fmt::format("frame {}\n", name_of(h.frame))) +
+           own_identities(options.own);
 }
 
 void write_cube_ranges(CentreStore& centres, StoreWriter& writer) {

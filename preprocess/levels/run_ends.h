@@ -21,9 +21,13 @@ StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& 
 /// The label names for the store. Throws Error{invalid_argument}.
 std::vector<LabelName> label_names_of(const VolumeSource& source);
 
+/// The names of own indicators with digests of their identities, as lines of text.
+std::string own_identities(const std::vector<OwnIndicator>& own);
+
 /// What must be the same for a run to continue an interrupted one, as lines of text. Throws
-/// Error{invalid_argument}; with `resume`, also for a source without identity.
-std::string identity_of(const StoreHeader& header, const VolumeSource& source, bool resume);
+/// Error{invalid_argument}; with resume, also for a source or an own indicator without identity.
+std::string identity_of(const StoreHeader& header, const VolumeSource& source,
+                        const PreprocessOptions& options);
 
 /// Writes the cube ranges of all levels, computed from those of the finest one in `centres`.
 void write_cube_ranges(CentreStore& centres, StoreWriter& writer);

@@ -57,7 +57,8 @@ std::string input_text(const VolumeSource& source) {
 
 std::string options_text(const PreprocessOptions& options) {
     return fmt::format("{} {} {} {} {} {}", options.chunk, options.compression, options.exact,
-                       options.force, options.resume, list_names(options.fields));
+                       options.force, options.resume, list_names(options.fields)) +
+           "\n" + own_identities(options.own);
 }
 
 }  // namespace
@@ -166,6 +167,7 @@ RanksReport preprocess_on_ranks(Communicator& ranks, VolumeSource& source,
     }
     require_same_folder(ranks, store);
 
+    const OwnIndicators own(options.own, source.describe());
     StoreHeader header = header_of(source.describe(), options);
     const std::vector<LabelName> label_names = label_names_of(source);
     header.label_names = !label_names.empty();
@@ -190,7 +192,7 @@ RanksReport preprocess_on_ranks(Communicator& ranks, VolumeSource& source,
     std::optional<BlockJournal> journal;
     OwnChunkFile chunks(folder);
     if (options.resume) {
-        const std::string identity = identity_of(header, source, true);
+        const std::string identity = identity_of(header, source, options);
         earlier.emplace(folder.path(), store, identity, layout);
         // So that no rank takes the files of this run for old ones.
         ranks.meet();
@@ -199,6 +201,7 @@ RanksReport preprocess_on_ranks(Communicator& ranks, VolumeSource& source,
     }
     PassWork work{ranks,         layout,  pencils, budget, workers,
                   folder.path(), centres, levels,  chunks, progress};
+    work.own = own.size() > 0 ? &own : nullptr;
     work.earlier = earlier ? &*earlier : nullptr;
     work.journal = journal ? &*journal : nullptr;
     const auto keep = [&] {

@@ -343,7 +343,7 @@ void run_level_pass(PassWork& work, const PassContext& context, int pass) {
 template <class T>
 void run_all_passes(PassWork& work, VolumeSource& source) {
     const StoreLayout& layout = work.layout;
-    const PassContext context{layout, work.centres};
+    const PassContext context{layout, work.centres, work.own};
     run_base<T>(work, source, context);
     const int last = last_pass(layout);
     for (int pass = kBasePass + 1; pass < last; ++pass) {

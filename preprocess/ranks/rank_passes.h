@@ -30,6 +30,7 @@ struct PassWork {
     PartialLevels& levels;
     OwnChunkFile& chunks;
     Progress& progress;
+    const OwnIndicators* own = nullptr;      ///< null if there are none
     const EarlierBlocks* earlier = nullptr;  ///< blocks of an interrupted run, if any
     BlockJournal* journal = nullptr;         ///< if this run can be resumed after an interruption
     std::uint64_t bytes_read = 0;            ///< bytes of the input that were read

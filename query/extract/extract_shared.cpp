@@ -116,6 +116,22 @@ struct StoreMark {
     bool operator==(const StoreMark&) const = default;
 };
 
+/// An own indicator in messages: its place among the fields of the store, because processes number
+/// them differently (<isonest/field.h>). A store of one level may lack it; it needs none.
+Field sent_field(const StoreReader& store, Field field) {
+    const std::vector<Field>& fields = store.layout().header().fields;
+    const auto found = std::find(fields.begin(), fields.end(), field);
+    return !is_own(field)          ? field
+           : found == fields.end() ? Field::deviation_bar
+                                   : static_cast<Field>(kFieldCount + (found - fields.begin()));
+}
+
+Field received_field(const StoreReader& store, Field field) {
+    return is_own(field) ? store.layout().header().fields.at(static_cast<std::size_t>(field) -
+                                                             static_cast<std::size_t>(kFieldCount))
+                         : field;
+}
+
 /// The part of a query that determines its parts; followed by the isovalues in a message.
 struct TraversalJob {
     StoreMark store;
@@ -147,6 +163,10 @@ TraversalJob job_of(const StoreReader& store, const ExtractQuery& q) {
         t.culling,           t.vertices, t.cells, t.attributes, t.box,    q.values != nullptr,
         q.label.has_value(), 0,          {},      q.steps,      q.origin, q.coordinate_rounding,
         q.min_apart};
+    job.stop = sent_field(store, t.stop);
+    if (t.attributes.error) {
+        job.attributes.error = sent_field(store, *t.attributes.error);
+    }
     if (q.label) {
         job.label = q.label->id;
         job.label_within = {q.label->within->first, q.label->within->second};
@@ -154,18 +174,21 @@ TraversalJob job_of(const StoreReader& store, const ExtractQuery& q) {
     return job;
 }
 
-ExtractQuery query_of(const TraversalJob& job, const Store* values) {
+ExtractQuery query_of(const TraversalJob& job, const StoreReader& store, const Store* values) {
     ExtractQuery q;
     q.product = job.product;
     TraversalQuery& t = q.traversal;
     t.plane = job.plane;
     t.tolerance = job.tolerance;
-    t.stop = job.stop;
+    t.stop = received_field(store, job.stop);
     t.bound = job.bound;
     t.culling = job.culling;
     t.vertices = job.vertices;
     t.cells = job.cells;
     t.attributes = job.attributes;
+    if (t.attributes.error) {
+        t.attributes.error = received_field(store, *t.attributes.error);
+    }
     t.box = job.box;
     q.values = job.has_other_values ? &values->reader() : nullptr;
     if (job.is_of_label) {
@@ -255,7 +278,7 @@ void help_until_done(RankTeam& team, const Store& store, const Store* values,
                                     "ranks need the same file system",
                                     team.ranks.host()));
         }
-        ExtractQuery asked = query_of(job, values);
+        ExtractQuery asked = query_of(job, store.reader(), values);
         asked.traversal.iso = isovalues.front();
         help(team, store.reader(), asked, isovalues, memory, folder, progress, own);
     }

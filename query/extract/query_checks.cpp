@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <utility>
 #include <vector>
@@ -239,13 +240,21 @@ void require_stored(const StoreReader& store, Field field, const std::string& wh
         return;
     }
     const std::vector<Field>& there = layout.header().fields;
-    std::vector<Field> wanted = there;
+    std::vector<Field> wanted;
+    std::copy_if(there.begin(), there.end(), std::back_inserter(wanted),
+                 [](Field f) { return !is_own(f); });
     wanted.push_back(field);
+    std::vector<Remedy> remedies;
+    if (!is_own(field)) {
+        remedies.push_back(
+            {RemedyKind::make_fields, fmt::format("{}", fmt::join(names_of(wanted), ","))});
+    }
+    remedies.push_back(
+        {RemedyKind::other_field, fmt::format("{}", fmt::join(names_of(there), ","))});
     throw Error(ErrorKind::not_found, {store.path().string()},
                 fmt::format("{} needs the field {}; the store has {}", what, name_of(field),
                             there.empty() ? "none" : list_names(there)),
-                {{RemedyKind::make_fields, fmt::format("{}", fmt::join(names_of(wanted), ","))},
-                 {RemedyKind::other_field, fmt::format("{}", fmt::join(names_of(there), ","))}});
+                std::move(remedies));
 }
 
 void require_field(const StoreReader& store, Field field, const std::string& what) {
@@ -393,7 +402,7 @@ std::vector<Field> fields_of(const StopTest& stop, Cells cells, const MeshAttrib
 
 /// In the order of a store, without duplicates and the values, which every store has.
 std::vector<Field> in_order_of_store(std::vector<Field> fields) {
-    std::sort(fields.begin(), fields.end());
+    std::sort(fields.begin(), fields.end(), precedes);
     fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
     fields.erase(std::remove(fields.begin(), fields.end(), Field::values), fields.end());
     return fields;

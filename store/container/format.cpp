@@ -145,7 +145,7 @@ std::string ArrayInfo::place(const Int3& c) const {
 
 StoreLayout::StoreLayout(const StoreHeader& header) : header_(header) {
     validate(header);
-    std::sort(header_.fields.begin(), header_.fields.end());
+    std::sort(header_.fields.begin(), header_.fields.end(), precedes);
     header_.fields.erase(std::unique(header_.fields.begin(), header_.fields.end()),
                          header_.fields.end());
     lattice_ = Lattice(header_.nodes);
@@ -221,12 +221,16 @@ const ArrayInfo& StoreLayout::array(int level, Field field) const {
     }
     std::string wanted;
     for (const Field there : header_.fields) {
-        wanted += std::string(name_of(there)) + ",";
+        wanted += is_own(there) ? "" : std::string(name_of(there)) + ",";
+    }
+    std::vector<Remedy> remedies;
+    if (!is_own(field)) {
+        remedies.push_back({RemedyKind::make_fields, wanted + std::string(name_of(field))});
     }
     throw Error(ErrorKind::not_found,
                 fmt::format("the store has no field {}; it has {}", name_of(field),
                             list_names(header_.fields)),
-                {{RemedyKind::make_fields, wanted + std::string(name_of(field))}});
+                std::move(remedies));
 }
 
 std::string StoreLayout::cube_ranges_path(int level) {

@@ -1,6 +1,7 @@
 // Contents and layout of a store, derived from its header alone. FORMAT.md is normative.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <compare>
@@ -81,7 +82,7 @@ inline bool has_cube_ranges(const Lattice& lattice, int level) {
 }
 
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 11;
+inline constexpr std::uint32_t kFormatMinor = 12;
 /// The version of the format in which a store is written.
 struct FormatVersion {
     std::uint64_t major = kFormatMajor;
@@ -120,7 +121,7 @@ struct StoreHeader {
     bool exact = false;         ///< indicators as binary32 instead of 16-bit codes
     bool cube_ranges = true;    ///< since version 2.2
     bool outward = true;        ///< since version 2.3: see StoreLayout::rounds_outward()
-    std::vector<Field> fields;  ///< the indicators, in the order of the enumeration
+    std::vector<Field> fields;  ///< the indicators, in the order of precedes(); own: since 2.12
     /// Indicators of a newer minor version. They have rows in the chunk table, after those of
     /// `fields` on each level, and are not read.
     std::vector<std::string> unknown_fields = {};
@@ -136,7 +137,9 @@ struct StoreHeader {
     [[nodiscard]] FormatVersion version() const {
         constexpr std::uint32_t kWithoutShear = 10;
         constexpr std::uint32_t kSheared = 11;
-        return {kFormatMajor, is_sheared() ? kSheared : kWithoutShear};
+        constexpr std::uint32_t kWithOwn = 12;
+        const bool own = std::any_of(fields.begin(), fields.end(), is_own);
+        return {kFormatMajor, own ? kWithOwn : is_sheared() ? kSheared : kWithoutShear};
     }
 };
 

@@ -1,5 +1,13 @@
-#include <array>
+#include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
+#include <deque>
+#include <map>
+#include <mutex>
+#include <shared_mutex>
+
+#include <isonest/error.h>
 #include <isonest/field.h>
 
 namespace isonest {
@@ -45,13 +53,100 @@ const Description& description_of(Field field) {
     return kFields.at(static_cast<std::size_t>(field));
 }
 
+constexpr std::array<std::string_view, 2> kSaturations{"_bar", "_plus"};
+
+/// The names of own indicators that the process has met. Indicator i has the fields kFieldCount +
+/// 2 i (bar) and the next (plus).
+class OwnNames {
+  public:
+    std::size_t index_of(std::string_view name) {
+        {
+            const std::shared_lock lock(mutex_);
+            if (const auto found = indices_.find(name); found != indices_.end()) {
+                return found->second;
+            }
+        }
+        const std::unique_lock lock(mutex_);
+        if (const auto found = indices_.find(name); found != indices_.end()) {
+            return found->second;
+        }
+        constexpr std::size_t kMost = 16384;
+        if (indices_.size() == kMost) {
+            throw Error(ErrorKind::limit,
+                        fmt::format("more than {} names of own indicators in one process", kMost));
+        }
+        for (const std::string_view saturation : kSaturations) {
+            names_.push_back(fmt::format("{}{}{}", kOwnPrefix, name, saturation));
+        }
+        return indices_.emplace(name, indices_.size()).first->second;
+    }
+    std::string_view name_of(std::size_t field) {
+        const std::shared_lock lock(mutex_);
+        return names_.at(field);  // a deque's elements stay where they are
+    }
+
+  private:
+    std::shared_mutex mutex_;
+    std::deque<std::string> names_;
+    std::map<std::string, std::size_t, std::less<>> indices_;
+};
+
+OwnNames& own_names() {
+    static OwnNames names;
+    return names;
+}
+
+std::size_t own_number(Field field) {
+    return static_cast<std::size_t>(field) - static_cast<std::size_t>(kFieldCount);
+}
+
+bool is_letter(char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
+}
+
+bool is_own_name(std::string_view name) {
+    constexpr std::size_t kLongest = 32;
+    return !name.empty() && name.size() <= kLongest && is_letter(name.front()) &&
+           std::all_of(name.begin(), name.end(), [](char c) {
+               return is_letter(c) || (c >= '0' && c <= '9') || c == '-' || c == '_';
+           });
+}
+
 }  // namespace
 
+Field own_field(std::string_view name, Saturation saturation) {
+    if (!is_own_name(name)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("'{}' cannot be the name of an indicator; it needs 1 to 32 letters "
+                                "(a-z, A-Z), digits, '-' and '_', the first a letter",
+                                name));
+    }
+    return static_cast<Field>(static_cast<std::size_t>(kFieldCount) +
+                              2 * own_names().index_of(name) +
+                              (saturation == Saturation::plus ? 1 : 0));
+}
+
+bool is_own(Field field) {
+    return static_cast<int>(field) >= kFieldCount;
+}
+
+bool precedes(Field a, Field b) {
+    return is_own(a) && is_own(b) ? name_of(a) < name_of(b) : a < b;
+}
+
 std::string_view name_of(Field field) {
-    return description_of(field).name;
+    return is_own(field) ? own_names().name_of(own_number(field)) : description_of(field).name;
 }
 
 std::optional<Field> field_from_name(std::string_view name) {
+    for (std::size_t s = 0; s < 2 && name.starts_with(kOwnPrefix); ++s) {
+        if (name.ends_with(kSaturations[s])) {
+            std::string_view own = name.substr(kOwnPrefix.size());
+            own.remove_suffix(std::min(own.size(), kSaturations[s].size()));
+            return is_own_name(own) ? std::optional(own_field(own, static_cast<Saturation>(s)))
+                                    : std::nullopt;
+        }
+    }
     for (std::size_t i = 0; i < kFields.size(); ++i) {
         if (kFields[i].name == name) {
             return static_cast<Field>(i);
@@ -61,10 +156,13 @@ std::optional<Field> field_from_name(std::string_view name) {
 }
 
 Indicator indicator_of(Field field) {
-    return description_of(field).indicator;
+    return is_own(field) ? Indicator::of_user : description_of(field).indicator;
 }
 
 Saturation saturation_of(Field field) {
+    if (is_own(field)) {
+        return own_number(field) % 2 == 0 ? Saturation::bar : Saturation::plus;
+    }
     return description_of(field).saturation;
 }
 

@@ -233,4 +233,10 @@ with tempfile.TemporaryDirectory() as temporary:
         check(all(float(s[2]) < float(s[1]) for s in steps), f"{name}: the energy rose")
         check(all(abs(float(s[3])) < 1e-11 * first.size for s in steps), f"{name}: the integral changed")
         check(int(steps[0][0]) == first.size and (int(steps[-1][0]) < first.size) == (threshold > 0), f"{name}: nodes")
+
+    # Fewer triangles for a larger threshold; the same formula gives the same mesh.
+    spread = [int(n) for n in re.findall(r"^spread below .*: (\d+) triangles$", printed["own_indicator"], re.M)]
+    check(len(spread) == 3 and spread[0] > spread[1] > spread[2] > 0, "own_indicator: the thresholds")
+    offset, linf = map(int, re.search(r"^offset: (\d+) triangles, linf: (\d+)$", printed["own_indicator"], re.M).groups())
+    check(offset == linf > 0, "own_indicator: the formula of linf")
 print(f"{len(headers)} headers, {len(programs)} programs")

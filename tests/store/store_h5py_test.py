@@ -336,6 +336,82 @@ with tempfile.TemporaryDirectory() as folder:
     assert forged_names(older_version)[1]["label_names"] == []
     print("h5py: names of labels are those of the table, and damaged ones are found")
 
+    # Own indicators: their numbers are those of the volume that was given, saturated (section 4).
+    given = np.random.default_rng(3).integers(0, 50, (9, 11, 14)).astype("f4")
+    np.save(f"{folder}/given.npy", given)
+    np.save(f"{folder}/data.npy", np.arange(given.size, dtype="f4").reshape(given.shape))
+    with_own = f"{folder}/own.isonest"
+    run("preprocess", f"{folder}/data.npy", "-o", with_own, "--chunk", 8, "--exact", "--own", f"Z-9={folder}/given.npy",
+        "--own", f"a_b={folder}/given.npy")
+    own_names = ["own:Z-9_bar", "own:Z-9_plus", "own:a_b_bar", "own:a_b_plus"]
+    own_top = 4
+
+    def own_level(p):
+        return next(level for level in range(1, 9) if any(c >> (level - 1) & 1 for c in p))
+
+    def exists(p, level):
+        return all(0 <= c <= -(-(n - 1) // 2**level) * 2**level for c, n in zip(p, given.shape))
+
+    saturated = {}
+
+    def saturate(p):
+        """(bar, plus) of the node p, by recursion over its children."""
+        if p not in saturated:
+            level = own_level(p)
+            s = 2**(level - 1)
+            odd = [a for a in range(3) if p[a] // s % 2]
+            if len(odd) == 1:
+                around = [tuple(p[a] + (s // 2 if i >> a & 1 else -(s // 2)) for a in range(3)) for i in range(8)]
+                children = [c for c in around if level > 1 and exists(c, level - 1)]
+            else:
+                children = [tuple(c + (side * s if a == axis else 0) for a, c in enumerate(p))
+                            for axis in odd for side in (-1, 1)]
+            of_children = [saturate(c) for c in children] or [(0, 0)]
+            eta = float(given[tuple(min(c, n - 1) for c, n in zip(p, given.shape))])
+            saturated[p] = max(eta, max(c[0] for c in of_children)), eta + max(c[1] for c in of_children)
+        return saturated[p]
+
+    with h5py.File(with_own) as f:
+        assert list(f.attrs["version"]) == [2, 12] and f.attrs["xxh64"] == digest_of(f)
+        assert f.attrs["fields"].decode().split(",")[-4:] == own_names, f.attrs["fields"]
+        compared = 0
+        for level in range(1, own_top + 1):
+            arrays = [f[f"levels/{level}/{name}"][...] for name in own_names[2:]]
+            assert all(a.shape[3] == 7 for a in arrays) and np.array_equal(arrays[0], f[f"levels/{level}/{own_names[0]}"])
+            for i in np.ndindex(*arrays[0].shape):
+                slot = i[3] + 1
+                p = tuple(2**level * c + 2**(level - 1) * (slot >> (2 - a) & 1) for a, c in enumerate(i[:3]))
+                expected = saturate(p) if exists(p, level) else (0, 0)
+                assert (arrays[0][i], arrays[1][i]) == expected, (level, i, p, arrays[0][i], arrays[1][i], expected)
+                compared += 1
+        assert f"levels/{own_top + 1}" not in f
+    assert run("check", with_own)["failures"] == 0
+    run("study", with_own, "--fields", "own:a_b_bar", "--steps", 3, "--out", f"{folder}/study")
+    for name in ("own:a_b_bar", "own:a_b_plus"):
+        run("extract", with_own, "--iso", 700, "--stop", name, "--threshold", 20, "-o", f"{folder}/own.ply")
+        run("slice", with_own, "--plane", "1,1,1,15", "--stop", name, "--threshold", 20, "-o", f"{folder}/own.vtp")
+        run("export", with_own, "--field", name, "--level", 1, "-o", f"{folder}/own.npy", "--force")
+
+    def forged_own(change, minor=12):
+        """The exit code and the answer of info for a copy with other names of fields."""
+        copy = f"{folder}/forged.isonest"
+        shutil.copyfile(with_own, copy)
+        with h5py.File(copy, "r+") as f:
+            f.attrs.modify("version", np.array([2, minor], "<u4"))
+            f.attrs.create("fields", np.bytes_(change(f.attrs["fields"].decode())))
+            f.attrs.modify("xxh64", np.uint64(digest_of(f)))
+        done = served.run([isonest, "info", copy, "--json"], capture_output=True, text=True)
+        return done.returncode, json.loads(done.stdout)
+
+    assert forged_own(lambda names: names)[0] == 0 and forged_own(lambda names: names, 99)[0] == 0
+    assert forged_own(lambda names: names, 11)[0] == 5  # no name of that version
+    for wrong, code in (("own:a b_bar", 5), ("own:_bar", 5), ("own:9_bar", 5), ("own:a_b", 5), ("own:a_b_bar", 4),
+                        ("linf_bar", 4), ("own:A_bar", 4)):
+        assert forged_own(lambda names: names.replace("own:a_b_plus", wrong))[0] == code, wrong
+    # A later version's field stands before own ones; neither is read then.
+    assert forged_own(lambda names: names.replace("own:Z-9_bar", "later_bar"), 99)[0] == 0
+    print(f"h5py: {compared} numbers of own indicators are saturated, and wrong names are refused")
+
     # A store of version 2.1 has no ranges; it gives the same meshes.
     older = f"{folder}/older.isonest"
     shutil.copyfile(store, older)

@@ -178,7 +178,7 @@ double BisectionOracle::deviation(const Element& t) const {
 }
 
 BisectionOracle::BisectionOracle(const Int3& n, std::function<double(const Int3&)> value,
-                                 const Double3& spacing)
+                                 const Double3& spacing, const OwnMeasure& own_measure)
     : n_(n), value_(std::move(value)), spacing_(spacing) {
     for (int axis = 0; axis < 3; ++axis) {
         if (n[axis] > 1) {
@@ -238,6 +238,10 @@ BisectionOracle::BisectionOracle(const Int3& n, std::function<double(const Int3&
             at(own, Indicator::deviation) = std::max(
                 at(own, Indicator::deviation),
                 finest && (around || !std::isfinite(u)) ? at(own, linf) : this->deviation(t));
+            if (own_measure) {
+                const double m = around ? kInfinity : own_measure(std::span(t.v).first(d_ + 1), x);
+                node.own_eta = std::max(node.own_eta, m);
+            }
             const double volume = measure(t);
             size[key_of(x)] += volume;
             const double total = size[key_of(x)];
@@ -290,6 +294,8 @@ BisectionOracle::BisectionOracle(const Int3& n, std::function<double(const Int3&
                     continue;
                 }
                 const OracleNode& c = nodes_.at(key_of(middle(child)));
+                largest.own_bar = std::max(largest.own_bar, c.own_bar);
+                largest.own_plus = std::max(largest.own_plus, c.own_plus);
                 for (std::size_t i = 0; i < kIndicatorCount; ++i) {
                     largest.bar[i] = std::max(largest.bar[i], c.bar[i]);
                     largest.plus[i] = std::max(largest.plus[i], c.plus[i]);
@@ -298,6 +304,8 @@ BisectionOracle::BisectionOracle(const Int3& n, std::function<double(const Int3&
         }
         for (const auto& [key, largest] : children) {
             OracleNode& node = nodes_.at(key);
+            node.own_bar = std::max(node.own_eta, largest.own_bar);
+            node.own_plus = node.own_eta + largest.own_plus;
             for (std::size_t i = 0; i < kIndicatorCount; ++i) {
                 node.bar[i] = std::max(node.eta[i], largest.bar[i]);
                 node.plus[i] = node.eta[i] + largest.plus[i];

@@ -8,6 +8,7 @@
 #include <array>
 #include <functional>
 #include <map>
+#include <span>
 #include <vector>
 
 #include <isonest/field.h>
@@ -21,8 +22,15 @@ struct OracleNode {
     std::array<double, kIndicatorCount> eta{};
     std::array<double, kIndicatorCount> bar{};
     std::array<double, kIndicatorCount> plus{};
+    /// The same for BisectionOracle::OwnMeasure.
+    double own_eta = 0;
+    double own_bar = 0;
+    double own_plus = 0;
 
     [[nodiscard]] double of(Field field) const {
+        if (is_own(field)) {
+            return saturation_of(field) == Saturation::bar ? own_bar : own_plus;
+        }
         const auto i = static_cast<std::size_t>(indicator_of(field));
         return saturation_of(field) == Saturation::bar ? bar[i] : plus[i];
     }
@@ -31,10 +39,13 @@ struct OracleNode {
 class BisectionOracle {
   public:
     using Key = std::array<std::int64_t, 3>;
+    /// A number of an element that is bisected at node x; an own indicator is the largest around x.
+    /// Not called for elements with a missing value.
+    using OwnMeasure = std::function<double(std::span<const Int3> vertices, const Int3& x)>;
     /// `value` gives U, clamped outside. A non-finite value is missing. Axes with one node are
     /// omitted: the elements are then triangles or edges.
     BisectionOracle(const Int3& n, std::function<double(const Int3&)> value,
-                    const Double3& spacing = {1, 1, 1});
+                    const Double3& spacing = {1, 1, 1}, const OwnMeasure& own = {});
     [[nodiscard]] const std::map<Key, OracleNode>& nodes() const { return nodes_; }
 
   private:

@@ -9,6 +9,7 @@
 
 #include <isonest/field.h>
 #include <isonest/int3.h>
+#include <isonest/own_indicator.h>
 #include <isonest/progress.h>
 #include <isonest/volume_source.h>
 
@@ -26,6 +27,9 @@ struct PreprocessOptions {
     /// it keeps its results for the next run.
     bool resume = false;
     std::vector<Field> fields = default_indicators();
+    /// Up to kMaxOwnIndicators indicators of the caller. Each is stored with both saturations, in
+    /// addition to `fields`.
+    std::vector<OwnIndicator> own = {};
 };
 
 struct PreprocessReport {
@@ -47,8 +51,9 @@ struct PreprocessReport {
 
 /// Reads `source` once and writes `store`. The store appears under its name only when it is
 /// complete; an existing file of that name is not replaced unless options.force is set. The bytes
-/// of the store depend only on the volume, chunk, compression, exact and fields. Throws
-/// Error{invalid_argument, io, limit, cancelled} and what the source throws.
+/// of the store depend only on the volume, chunk, compression, exact, fields and own. Throws
+/// Error{invalid_argument, unsupported, io, limit, cancelled} and what the source and own
+/// indicators throw.
 /// Thread-safety: several runs may execute at once, each with its own source and store.
 PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& store,
                             const PreprocessOptions& options = {},

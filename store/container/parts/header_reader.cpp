@@ -286,8 +286,18 @@ class Reader {
         for (std::size_t at = 0; at < names.size();) {
             const std::size_t end = std::min(names.find(',', at), names.size());
             const std::string name = names.substr(at, end - at);
-            const auto field = field_from_name(name);
+            // Names of own indicators are kept by the process, so there is a limit on them.
+            const bool refused =
+                name.starts_with(kOwnPrefix) &&
+                (out_.version < FormatVersion{2, 12} || !header.unknown_fields.empty() ||
+                 std::count_if(header.fields.begin(), header.fields.end(), is_own) ==
+                     2 * kMaxOwnIndicators);
+            const auto field = refused ? std::nullopt : field_from_name(name);
             if (field && *field != Field::values && header.unknown_fields.empty()) {
+                if (!header.fields.empty() && is_own(header.fields.back()) &&
+                    !precedes(header.fields.back(), *field)) {
+                    damaged("damaged: its own indicators are not in their order");
+                }
                 header.fields.push_back(*field);
             } else if (!field && out_.version > kNewest) {
                 if (header.unknown_fields.size() == kMaxUnknown) {

@@ -28,17 +28,20 @@ enum class Indicator : std::uint8_t {
     normal_component,  ///< eta_N: the largest component normal to F_ref of that jump
     /// For a hexahedral (quadrilateral) cell: the largest |U - U_C| over the nodes that refine it;
     /// U_C is d-linear between its corners.
-    hex_offset
+    hex_offset,
+    of_user  ///< any indicator that a user of the library defined (own_field())
 };
-/// Number of indicators of nodes: all but hex_offset.
+/// Number of indicators of nodes that the library defines: all but hex_offset and of_user.
 inline constexpr int kIndicatorCount = 12;
 
 /// How a node covers its children: bar(x) = max(eta(x), max bar(c)), plus(x) = eta(x) + max
 /// plus(c).
 enum class Saturation : std::uint8_t { bar, plus };
 
-/// The values, or an indicator with its saturation.
-enum class Field : std::uint8_t {
+/// The values, or an indicator with its saturation. Numbers from kFieldCount on stand for users'
+/// own indicators, by name (own_field()); they have the same meaning in the whole process, but not
+/// in another one.
+enum class Field : std::uint16_t {
     values,
     linf_bar,       ///< an estimate
     linf_plus,      ///< a bound on |U - U^l|, loose
@@ -68,15 +71,34 @@ enum class Field : std::uint8_t {
     hex_deviation  ///< hex_offset with saturation plus: a bound on |U - P|, P the projection on
                    ///< hexahedral cells
 };
+/// Number of fields that the library defines.
 inline constexpr int kFieldCount = 1 + 2 * kIndicatorCount + 2;
 
 /// The name in the store and on the command line.
 std::string_view name_of(Field field);
+/// Also accepts the name of any own indicator, "own:NAME_bar"; throws Error{limit} for too many
+/// different ones, like own_field().
 std::optional<Field> field_from_name(std::string_view name);
 /// REQUIRES: field != values.
 Indicator indicator_of(Field field);
 Saturation saturation_of(Field field);
+/// REQUIRES: indicator != of_user.
 Field field_of(Indicator indicator, Saturation saturation);
+
+// Own indicators: numbers of nodes that a user of the library defines (<isonest/own_indicator.h>).
+
+/// What the names of their fields begin with.
+inline constexpr std::string_view kOwnPrefix = "own:";
+/// Largest number of own indicators in a store.
+inline constexpr int kMaxOwnIndicators = 32;
+/// The field "own:NAME_bar" or "own:NAME_plus" of the own indicator NAME: 1 to 32 letters (a-z,
+/// A-Z), digits, '-' and '_', beginning with a letter. Throws Error{invalid_argument} for another
+/// name, and Error{limit} for more than 16,384 different names in a process. Thread-safe.
+Field own_field(std::string_view name, Saturation saturation);
+bool is_own(Field field);
+/// The order of fields in a store: those of the library in the order of the enumeration, then own
+/// ones by the bytes of their names.
+bool precedes(Field a, Field b);
 
 /// The field from which `field` is derived at level 1. There the deviation is attained at nodes
 /// that the element's own refinement reaches, so the deviation fields equal the fields of

@@ -22,7 +22,8 @@ ISONEST = sys.argv[1]
 # Name, nodes along x, y, z, type: the numbers are in NAME.raw, x fastest.
 VOLUMES = {"": ("volume.raw", (9, 8, 7), "int16"), "-flat": ("flat.raw", (9, 8, 1), "float32"),
            "-tiny": ("tiny.raw", (3, 3, 3), "uint8"), "-turned": ("turned.nhdr", None, None),
-           "-named": ("tiny.raw", (3, 3, 3), "uint8"), "-framed": ("tiny.raw", (3, 3, 3), "uint8")}
+           "-named": ("tiny.raw", (3, 3, 3), "uint8"), "-framed": ("tiny.raw", (3, 3, 3), "uint8"),
+           "-own": ("tiny.raw", (3, 3, 3), "uint8")}
 # Of the labels of "-named": as FORMAT.md, section 3, has them.
 NAMES = "0 background\n13 Übergang 255 0 10 255\n26 end 1 2 3\n900 nowhere\n"
 # The same numbers as volume.raw, on axes that are not along the world's.
@@ -56,6 +57,8 @@ def make_volumes():
     for name, values in numbers.items():
         if not (HERE / name).exists():
             values.tofile(HERE / name)
+    if not (HERE / "own.npy").exists():
+        np.save(HERE / "own.npy", numbers["tiny.raw"][::-1].reshape(3, 3, 3))
     if not (HERE / "turned.nhdr").exists():
         (HERE / "turned.nhdr").write_text(TURNED)
 
@@ -75,6 +78,10 @@ def make_good(version):
             command += ["--unit", "um"]
         if suffix == "-framed" and "--frame" not in help_text:  # from 2.10 on
             continue
+        if suffix == "-own" and "--own" not in help_text:  # from 2.12 on
+            continue
+        if suffix == "-own":
+            command += ["--own", f"size={HERE / 'own.npy'}"]
         if suffix == "-framed":
             command += ["--frame", "lps"]
         if suffix == "-named":

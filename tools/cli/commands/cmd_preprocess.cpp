@@ -8,7 +8,9 @@
 #include <string>
 #include <vector>
 
+#include <isonest/error.h>
 #include <isonest/open_volume.h>
+#include <isonest/own_indicator.h>
 #include <isonest/preprocess.h>
 
 #include "preprocess/ranks/preprocess_on_ranks.h"
@@ -30,7 +32,8 @@ struct PreprocessArguments {
     std::string store;
     SourceOptions source;
     PreprocessOptions preprocess;
-    std::string scratch;  ///< folder for temporary files, with several ranks
+    std::string scratch;           ///< folder for temporary files, with several ranks
+    std::vector<std::string> own;  ///< "NAME=FILE"
     RemoteArguments remote;
 };
 
@@ -50,6 +53,41 @@ PreprocessReport run_on(Communicator* ranks, VolumeSource& source, const Preproc
     return r.whole;
 }
 
+/// A volume of numbers for an own indicator, and the indicator.
+struct OwnVolume {
+    std::unique_ptr<VolumeSource> numbers;
+    OwnIndicator indicator;
+};
+
+OwnVolume open_own(const std::string& text, const PreprocessArguments& a, Progress& progress) {
+    const std::size_t equals = text.find('=');
+    if (equals == std::string::npos || equals + 1 == text.size()) {
+        throw Error(ErrorKind::invalid_argument, fmt::format("--own '{}': give NAME=FILE", text));
+    }
+    const std::string file = text.substr(equals + 1);
+    SourceOptions options;
+    options.max_heap = a.preprocess.memory / 4;
+    OwnVolume opened;
+    try {
+        opened.numbers = open_volume(std::filesystem::path(file), options);
+    } catch (const Error& error) {
+        const auto& remedies = error.remedies();
+        if (std::none_of(remedies.begin(), remedies.end(),
+                         [](const Remedy& r) { return r.kind == RemedyKind::describe_numbers; })) {
+            throw;
+        }
+        throw Error(ErrorKind::invalid_argument, {file},
+                    "--own needs a file that describes its numbers, such as .npy or .nrrd");
+    }
+    const std::filesystem::path beside = std::filesystem::path(a.store).parent_path();
+    opened.indicator = own_indicator(text.substr(0, equals), *opened.numbers,
+                                     !a.scratch.empty() ? std::filesystem::path(a.scratch)
+                                     : beside.empty()   ? "."
+                                                        : beside,
+                                     progress);
+    return opened;
+}
+
 Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
     reach_volume(a.input, a.remote, a.preprocess.memory, a.source, progress);
     // A quarter of the budget is enough for the chunks of the input; the passes need the rest.
@@ -58,6 +96,11 @@ Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
         open_input(a.input, std::filesystem::path(a.store).parent_path(), a.source);
     const VolumeDescription volume = source->describe();
     const std::string type(volume.labels ? "int64" : name_of(volume.type));
+    std::vector<OwnVolume> own;
+    for (const std::string& text : a.own) {
+        own.push_back(open_own(text, a, progress));
+        a.preprocess.own.push_back(own.back().indicator);
+    }
     Result result;
     const PreprocessReport r = run_on(ranks, *source, a, result.rank, progress);
     const double rate = r.seconds > 0 ? static_cast<double>(r.input_bytes) / r.seconds : 0;
@@ -156,6 +199,7 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
         c, "--indicators",
         [&p](const std::string& text) { p.fields = parse_indicators("--indicators", text); },
         fmt::format("{}", fmt::join(names_of(default_indicators()), ",")));
+    c->add_option("--own", a->own)->allow_extra_args(false);
     c->add_flag("--exact", p.exact);
     c->add_flag("--force", p.force);
     c->add_flag("--resume", p.resume);
@@ -171,6 +215,7 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
         chosen.stages = {{"check the interrupted run", "checking the interrupted run", 0.1},
                          {"resume", "reusing finished work", 0.1},
                          {"copy input", "copying the input", 0.5},
+                         {"read indicator", "reading the numbers of --own", 0.2},
                          {"levels 0-2", "reading the volume", 1}};
     });
 }

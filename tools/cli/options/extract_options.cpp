@@ -52,7 +52,7 @@ std::vector<Field> parse_indicators(const std::string& option, const std::string
         fields.insert(fields.end(), named.begin(), named.end());
         begin = end + 1;
     }
-    std::sort(fields.begin(), fields.end());
+    std::sort(fields.begin(), fields.end(), precedes);
     fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
     return fields;
 }

@@ -62,6 +62,7 @@ constexpr OptionRow kOptions[] = {
     {"export", "--field", kWhat, "NAME", "values, or an indicator, as deviation_bar [values]", "field: str"},
     {"export", "--level", kWhat, "L", "every 2^L-th value; indicators of level L and up [0]", "level: int"},
     {"", "--indicators", kWhat, "NAMES", "the indicators [{}]", "indicators: str | Sequence[str]"},
+    {"", "--own", kWhat, "NAME=FILE", "indicator from a volume of numbers: own:NAME_bar", "own: Mapping[str, Any]"},
     {"smooth", "--steps", kWhat, "N", "how many steps", "steps: int"},
     {"", "--tau", kWhat, "T", "time of a step, in squared world units", "tau: float"},
     {"", "--lambda", kWhat, "L", "gradient at which half flows", "lambda_: float"},

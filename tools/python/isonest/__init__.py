@@ -19,13 +19,14 @@ from ._core import (Analysis, CheckReport, Finding, PreprocessReport, Report, Sm
 from ._errors import (CancelledError, CorruptError, Error, InputOutputError, InvalidArgumentError, LimitError,
                       MemoryLimitError, NotFoundError, UnsupportedError)
 from ._mesh import Mesh
+from ._own import RefinementNodes
 from ._smooth import Smoothed, smooth
 from ._store import Histogram, Label, Store, Study
 from ._view import View
 from ._volume import isosurface, preprocess
 
 __version__ = _core.version
-__all__ = ["preprocess", "open", "view", "isosurface", "smooth", "Store", "View", "Mesh", "Histogram", "Label", "Study",
+__all__ = ["preprocess", "RefinementNodes", "open", "view", "isosurface", "smooth", "Store", "View", "Mesh", "Histogram", "Label", "Study",
            "StudyRow", "Smoothed", "SmoothStep", "CheckReport", "Finding", "Analysis", "StoredArray", "Report",
            "PreprocessReport", "TriangleQuality", "Error", "InvalidArgumentError", "NotFoundError", "CorruptError",
            "UnsupportedError", "InputOutputError", "LimitError", "MemoryLimitError", "CancelledError"]

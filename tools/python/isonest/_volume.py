@@ -4,12 +4,13 @@ from __future__ import annotations
 import os
 import pathlib
 import tempfile
-from typing import Any, Optional, Sequence, Union
+from typing import Any, Mapping, Optional, Sequence, Union
 
 from . import _core, _marching, _sources
 from ._arguments import Bytes, Headers, Progress, reporting, to_bytes
 from ._core import PreprocessReport
 from ._mesh import Mesh
+from ._own import calling
 from ._queries import Cells
 from ._store import Store
 
@@ -21,7 +22,8 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
                label_names: "os.PathLike[str] | str | None" = None, index: Any = None,
                crop: Optional[Sequence[slice]] = None, every: Union[int, Sequence[int]] = 1,
                shape: Optional[Sequence[int]] = None, dtype: Any = None, offset: Optional[int] = None,
-               indicators: Union[None, str, Sequence[str]] = None, exact: bool = False, chunk: int = 64,
+               indicators: Union[None, str, Sequence[str]] = None, own: "Optional[Mapping[str, Any]]" = None,
+               exact: bool = False, chunk: int = 64,
                compression: int = 1, replace: bool = False, resume: bool = False, headers: Headers = None,
                cache: "os.PathLike[str] | str | None" = None, memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> PreprocessReport:
     """Converts a volume to the file ``store``, which appears only when it is complete.
@@ -48,6 +50,11 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     shape, dtype, offset: of raw files; ">u2" is a big-endian dtype. The offset is in bytes.
     indicators: names of the error indicators, as a list or separated by commas; "nodes" are all indicators for nodes,
         "all" also includes those for hexahedral cells. exact: do not round them up to 16 bits.
+    own: own indicators by name, ``{"curvature": f}``, stored as own:curvature_bar and own:curvature_plus: a volume (an
+        array or file as above) with a number >= 0 for every node, or a function that gets :class:`RefinementNodes` and
+        returns an array with one number >= 0, or infinity, for each. It is called by several threads in any order, more
+        than once for some nodes, and may depend on nothing but its argument. Nodes that touch missing values are left
+        out, and always refined. ``resume`` refuses functions.
     chunk: nodes per axis of a chunk, a power of two from 8 to 256. compression: zstd level, 1 to 19.
     replace: overwrite an existing store. resume: continue an interrupted run; if this run is interrupted, keep its
         files.
@@ -69,6 +76,12 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     options.resume = resume
     if indicators is not None:
         options.indicators = indicators.split(",") if isinstance(indicators, str) else list(indicators)
+    for name, numbers in (own or {}).items():
+        if callable(numbers):
+            options.add_own_function(name, calling(numbers), "")
+        else:
+            own_source = _sources.of_volume(numbers, identified=resume, memory=options.memory)
+            options.add_own_volume(name, own_source, os.path.dirname(os.fspath(store)) or ".")
     source = _sources.of_volume(volume, identified=resume, memory=options.memory, spacing=spacing, origin=origin,
                                 unit=unit, frame=frame, missing=missing, dataset=dataset, series=series, labels=labels,
                                 label_names=label_names, index=index, crop=crop, every=every, shape=shape, dtype=dtype,

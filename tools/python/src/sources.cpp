@@ -21,6 +21,7 @@
 
 #include "preprocess/sources/wrapping/scaled_source.h"
 #include "store/base/length_unit.h"
+#include "tools/python/src/own_indicators.h"
 #include "tools/python/src/progress.h"
 #include "tools/python/src/queries.h"
 
@@ -310,8 +311,8 @@ void add_sources(py::module_& module) {
                "dtype"_a, "spacing"_a, "origin"_a, "unit"_a, "frame"_a, "name"_a, "planes"_a,
                "rows"_a, "heap"_a, "identity"_a, "files"_a, "missing"_a);
 
-    py::class_<PreprocessOptions>(module, "PreprocessOptions")
-        .def(py::init<>())
+    py::class_<PreprocessOptions> options(module, "PreprocessOptions");
+    options.def(py::init<>())
         .def_readwrite("memory", &PreprocessOptions::memory)
         .def_readwrite("threads", &PreprocessOptions::threads)
         .def_readwrite("chunk", &PreprocessOptions::chunk)
@@ -324,6 +325,7 @@ void add_sources(py::module_& module) {
             [](PreprocessOptions& o, const std::vector<std::string>& names) {
                 o.fields = indicators_of_names(names);
             });
+    add_own_indicators(options);
     module.def("preprocess", &preprocess_source, "source"_a, "store"_a, "options"_a, "progress"_a);
 }
 
