@@ -1,5 +1,4 @@
-// The functions of GridOperator, for instantiation with other types: the library contains only
-// float, because each type takes as long to compile as the rest of the directory.
+// The functions of GridOperator, for instantiation with float and double.
 #pragma once
 
 #include <oneapi/tbb/blocked_range.h>
