@@ -54,8 +54,8 @@ struct CutByPlane {
 struct BelowThreshold {
     double threshold;
     [[nodiscard]] static std::optional<Field> field() { return Field::linf_bar; }
-    template <class T>
-    [[nodiscard]] bool stops(const T& /*t*/, double eta) const {
+    template <class T, class Numbers>
+    [[nodiscard]] bool stops(const T& /*t*/, double eta, Numbers& /*numbers*/) const {
         return !(eta >= threshold);
     }
 };
