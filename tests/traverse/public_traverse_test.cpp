@@ -10,6 +10,7 @@
 #include <isonest/traverse.h>
 
 #include "query/values/node_sampler.h"
+#include "store/base/vectors.h"
 #include "store/container/chunk_cache.h"
 #include "tests/support/test_support.h"
 
@@ -344,6 +345,53 @@ TEST_CASE("the sizes of the leaves add up to the volume, in any placement") {
         CHECK(size == Approx(expected).epsilon(1e-12));
         CHECK(std::isfinite(corners));
     }
+}
+
+TEST_CASE("positions and sizes of elements are those of a rotated and sheared volume") {
+    const TemporaryFolder folder;
+    const Int3 n{9, 5, 7};
+    const Directions direction{{{0.6, 0.8, 0}, {-0.8, 0.6, 0}, {0, 0.6, 0.8}}};
+    const Double3 spacing{0.5, 2, 1.5};
+    const Double3 origin{10, -3, 7};
+    struct Placed : FunctionVolume<float> {
+        using FunctionVolume::FunctionVolume;
+        VolumeDescription description;
+        [[nodiscard]] VolumeDescription describe() const override { return description; }
+    };
+    Placed volume(n, hills);
+    volume.description = volume.FunctionVolume::describe();
+    volume.description.spacing = spacing;
+    volume.description.origin = origin;
+    volume.description.direction = direction;
+    make_store(volume, folder / "s", with_chunk(8, true));
+    const Store store(folder / "s");
+    const Placement placement(store);
+    std::size_t wrong = 0;
+    std::size_t count = 0;
+    for_each_leaf<3>(store, FullResolution(), in_order<3>([&](const Element<3>& t) {
+                         const auto corners = placement(t);
+                         std::array<Double3, 3> edge{};
+                         for (std::size_t i = 0; i < 4; ++i) {
+                             for (std::size_t w = 0; w < 3; ++w) {
+                                 double expected = origin[w];
+                                 for (int a = 0; a < 3; ++a) {
+                                     const auto axis = static_cast<std::size_t>(a);
+                                     expected += direction[axis][w] * spacing[axis] *
+                                                 static_cast<double>(t.v[i][a]);
+                                 }
+                                 wrong += std::fabs(corners[i][w] - expected) < 1e-12 ? 0 : 1;
+                                 if (i > 0) {
+                                     edge[i - 1][w] = corners[i][w] - corners[0][w];
+                                 }
+                             }
+                         }
+                         const double volume_of =
+                             std::fabs(detail::dot(edge[0], detail::cross(edge[1], edge[2]))) / 6;
+                         wrong += std::fabs(placement.size(t) - volume_of) < 1e-12 ? 0 : 1;
+                         ++count;
+                     }));
+    CHECK(count == 6U * 8 * 4 * 6);
+    CHECK(wrong == 0);
 }
 
 TEST_CASE("joined actions give the same sum to the last bit for any threads and memory") {
