@@ -38,8 +38,7 @@ std::vector<Tetrahedron> finest(const Tetrahedron& t) {
     while (true) {
         std::vector<Tetrahedron> next;
         for (const Tetrahedron& parent : level) {
-            const Int3 diagonal = parent.ref_end1() - parent.ref_end0();
-            if (parent.kind == 0 && diagonal.x * diagonal.x == 1) {
+            if (parent.level == 0) {
                 next.push_back(parent);
                 continue;
             }

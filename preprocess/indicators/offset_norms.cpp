@@ -26,10 +26,10 @@ std::vector<DiamondElement> make_diamond(int slot, const Int3& parity, unsigned 
     std::vector<DiamondElement> found;
     for (const Tetrahedron& t : tetrahedra_around(owner, 2, node, flat)) {
         DiamondElement element;
-        element.v = {t.ref_end0() - node, t.ref_end1() - node};
+        element.v = {t.v[0] - node, t.v[t.ref_end()] - node};
         element.vertices = 2;
         for (const Int3& v : trace(t, node, flat)) {
-            if (v != t.ref_end0() && v != t.ref_end1()) {
+            if (v != t.v[0] && v != t.v[t.ref_end()]) {
                 element.v[static_cast<std::size_t>(element.vertices++)] = v - node;
             }
         }

@@ -50,7 +50,8 @@ class DistanceNumbers {
 struct StopsWithin {
     double limit;
     [[nodiscard]] static std::optional<Field> field() { return kDistance; }
-    [[nodiscard]] bool stops(const Element<3>& /*t*/, double distance) const {
+    template <class Numbers>
+    [[nodiscard]] bool stops(const Element<3>& /*t*/, double distance, Numbers& /*numbers*/) const {
         return distance <= limit;
     }
 };

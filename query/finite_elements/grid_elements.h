@@ -36,8 +36,8 @@ class ActiveNumbers {
 /// IsStopTest.
 struct StopsAtInactive {
     [[nodiscard]] static std::optional<Field> field() { return Field::values; }
-    template <int D>
-    [[nodiscard]] static bool stops(const Element<D>& /*t*/, double active) {
+    template <int D, class Numbers>
+    [[nodiscard]] static bool stops(const Element<D>& /*t*/, double active, Numbers& /*numbers*/) {
         return active == 0;
     }
 };

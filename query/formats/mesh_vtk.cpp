@@ -1,11 +1,22 @@
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
+#include <cctype>
 #include <string>
+#include <unordered_map>
 #include <utility>
 #include <vector>
 
+#include <isonest/error.h>
+#include <isonest/grid_file.h>
+#include <isonest/traverse.h>
+
 #include "query/formats/mesh_files.h"
 #include "store/exports/polydata_file.h"
+#include "store/files/output_file.h"
+#include "store/lattice/lattice.h"
+#include "store/lattice/simplex.h"
 
 namespace isonest::detail {
 
@@ -19,7 +30,8 @@ namespace {
 /// length in bytes (uint64) followed by the numbers.
 class Inline {
   public:
-    explicit Inline(std::string xml) : xml_(std::move(xml)) {}
+    /// `at`: place of the XML in the file.
+    explicit Inline(std::string xml, std::uint64_t at = 0) : xml_(std::move(xml)), end_(at) {}
 
     Inline& operator+=(std::string_view xml) {
         xml_ += xml;
@@ -53,6 +65,8 @@ class Inline {
             array(a, a.bytes - kLength);
         }
     }
+    /// After write(): the end of the XML in the file.
+    [[nodiscard]] std::uint64_t end() const { return end_; }
     static constexpr std::uint64_t kLength = sizeof(std::uint64_t);
 
   private:
@@ -175,6 +189,193 @@ class VtpFile : public SectionedFile {
 std::unique_ptr<MeshSink> vtp_file(const std::filesystem::path& path, const MeshFileOptions& o) {
     return std::make_unique<VtpFile>(path, o);
 }
+
+}  // namespace isonest::detail
+
+// VTK XML UnstructuredGrid, piece by piece.
+
+namespace isonest {
+
+class GridFile::Writer {
+  public:
+    Writer(const std::filesystem::path& path, const Store& store, const GridFileOptions& options)
+        : placement_(store), names_(options.numbers), file_(path, options.replace) {
+        for (const std::string& name : names_) {
+            if (name.find_first_of("<>&\"'\n") != std::string::npos || name.empty()) {
+                throw Error(ErrorKind::invalid_argument, {path.string()},
+                            fmt::format("'{}' cannot be the name of an array", name));
+            }
+        }
+        put_text(
+            fmt::format("<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" "
+                        "version=\"1.0\" byte_order=\"LittleEndian\" "
+                        "header_type=\"UInt64\">\n<UnstructuredGrid>\n{}",
+                        detail::field_data(store.unit(), store.frame(), {}, {})));
+        numbers_.resize(names_.size());
+    }
+
+    void add(std::span<const Int3> nodes, std::span<const double> values, int level,
+             std::span<const double> numbers) {
+        if (numbers.size() != names_.size() || (corners_ != 0 && corners_ != nodes.size())) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("an element with {} corners and {} numbers in a grid of "
+                                    "elements with {} corners and {} numbers",
+                                    nodes.size(), numbers.size(), corners_, names_.size()));
+        }
+        corners_ = nodes.size();
+        std::array<std::int64_t, 4> corner{};
+        for (std::size_t i = 0; i < nodes.size(); ++i) {
+            corner.at(i) = point(nodes[i], values[i]);
+        }
+        if (nodes.size() == 4 && detail::determinant(nodes[1] - nodes[0], nodes[2] - nodes[0],
+                                                     nodes[3] - nodes[0]) < 0) {
+            std::swap(corner[2], corner[3]);
+        }
+        connectivity_.insert(connectivity_.end(), corner.begin(),
+                             corner.begin() + static_cast<std::ptrdiff_t>(nodes.size()));
+        ends_.push_back(static_cast<std::int64_t>(connectivity_.size()));
+        levels_.push_back(level);
+        for (std::size_t i = 0; i < numbers.size(); ++i) {
+            numbers_[i].push_back(numbers[i]);
+        }
+        ++cells_;
+        if (levels_.size() == kCellsPerPiece) {
+            put_piece();
+        }
+    }
+    [[nodiscard]] std::uint64_t cells() const { return cells_; }
+    void close() {
+        if (!levels_.empty() || cells_ == 0) {
+            put_piece();
+        }
+        put_text("</UnstructuredGrid>\n</VTKFile>\n");
+        file_.publish_as_named();
+    }
+
+  private:
+    static constexpr std::size_t kCellsPerPiece = 32768;
+
+    std::int64_t point(const Int3& node, double value) {
+        // Elements end at most one cube of the coarsest level behind the origin.
+        static_assert(detail::kMaxNodesPerAxis <= std::int64_t{1} << 20U);
+        const auto key = static_cast<std::uint64_t>((node.z << 42U) | (node.y << 21U) | node.x);
+        const auto [found, is_new] =
+            number_.try_emplace(key, static_cast<std::int64_t>(values_.size()));
+        if (is_new) {
+            const Double3 p = placement_(node);
+            points_.insert(points_.end(), p.begin(), p.end());
+            values_.push_back(value);
+        }
+        return found->second;
+    }
+    void put_text(std::string_view text) {
+        file_.write_at(end_, std::as_bytes(std::span(text)));
+        end_ += text.size();
+    }
+    void put_piece() {
+        struct Array {
+            detail::Base64Array place;
+            std::span<const std::byte> bytes;
+        };
+        std::vector<Array> arrays;
+        detail::Inline data(fmt::format("<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n"
+                                        "<PointData Scalars=\"value\">\n",
+                                        values_.size(), levels_.size()),
+                            end_);
+        const auto add = [&]<class T>(const char* type, std::string_view name,
+                                      const std::vector<T>& numbers, std::size_t components = 1) {
+            const auto bytes = std::as_bytes(std::span(numbers));
+            arrays.push_back({data.add(type, name, components, bytes.size()), bytes});
+        };
+        add("Float64", "value", values_);
+        data += "</PointData>\n<CellData Scalars=\"level\">\n";
+        add("Int32", "level", levels_);
+        for (std::size_t i = 0; i < names_.size(); ++i) {
+            add("Float64", names_[i], numbers_[i]);
+        }
+        data += "</CellData>\n<Points>\n";
+        add("Float64", "points", points_, 3);
+        data += "</Points>\n<Cells>\n";
+        add("Int64", "connectivity", connectivity_);
+        add("Int64", "offsets", ends_);
+        constexpr std::uint8_t kLine = 3;
+        constexpr std::uint8_t kTriangle = 5;
+        constexpr std::uint8_t kTetrahedron = 10;
+        const std::vector<std::uint8_t> types(levels_.size(), corners_ == 2   ? kLine
+                                                              : corners_ == 3 ? kTriangle
+                                                                              : kTetrahedron);
+        add("UInt8", "types", types);
+        data += "</Cells>\n</Piece>\n";
+
+        detail::Base64Rows rows;
+        const auto write = [&](std::uint64_t place, std::span<const std::byte> letters) {
+            file_.write_at(place, letters);
+        };
+        data.write(
+            [&](std::uint64_t place, const std::string& xml) {
+                file_.write_at(place, std::as_bytes(std::span(xml)));
+            },
+            [&](const detail::Base64Array& array, std::uint64_t bytes) {
+                rows.put(array, 0, std::as_bytes(std::span(&bytes, 1)), write);
+            });
+        for (const Array& array : arrays) {
+            rows.put(array.place, detail::Inline::kLength, array.bytes, write);
+        }
+        end_ = data.end();
+        number_.clear();
+        points_.clear();
+        values_.clear();
+        connectivity_.clear();
+        ends_.clear();
+        levels_.clear();
+        for (std::vector<double>& numbers : numbers_) {
+            numbers.clear();
+        }
+    }
+
+    Placement placement_;
+    std::vector<std::string> names_;
+    detail::OutputFile file_;
+    std::uint64_t end_ = 0;
+    std::uint64_t cells_ = 0;
+    std::size_t corners_ = 0;
+    // The current piece.
+    std::unordered_map<std::uint64_t, std::int64_t> number_;
+    std::vector<double> points_;
+    std::vector<double> values_;
+    std::vector<std::int64_t> connectivity_;
+    std::vector<std::int64_t> ends_;
+    std::vector<std::int32_t> levels_;
+    std::vector<std::vector<double>> numbers_;
+};
+
+GridFile::GridFile(const std::filesystem::path& path, const Store& store,
+                   const GridFileOptions& options) {
+    std::string extension = path.extension().string();
+    std::transform(extension.begin(), extension.end(), extension.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    if (extension != ".vtu") {
+        throw Error(ErrorKind::invalid_argument, {path.string()},
+                    "grids are written as .vtu files only", {{RemedyKind::other_format, ".vtu"}});
+    }
+    writer_ = std::make_unique<Writer>(path, store, options);
+}
+GridFile::~GridFile() = default;
+
+void GridFile::add(std::span<const Int3> nodes, std::span<const double> values, int level,
+                   std::span<const double> numbers) {
+    writer_->add(nodes, values, level, numbers);
+}
+std::uint64_t GridFile::cells() const {
+    return writer_->cells();
+}
+void GridFile::close() {
+    writer_->close();
+}
+
+}  // namespace isonest
+
+namespace isonest::detail {
 
 // VTKHDF PolyData: HDF5 whose arrays are written in place.
 

@@ -13,6 +13,7 @@
 #include <tuple>
 #include <vector>
 
+#include <isonest/element.h>
 #include <isonest/int3.h>
 #include <isonest/world.h>
 
@@ -83,21 +84,18 @@ class ClipContext {
 /// Position of the box from `low` to `high` relative to `box`, which is infinite along axes without
 /// extent. If `box` is to be closed, boxes that touch it from inside are crossing: they contribute
 /// to the caps.
-enum class Overlap { outside, crossing, inside };
-
 inline Overlap overlap_of(const ClipBox& box, const Int3& low, const Int3& high) {
-    bool inside = true;
+    const Overlap where = overlap_of(box.lo, box.hi, low, high);
+    if (!box.close || where != Overlap::inside) {
+        return where;
+    }
+    bool touches = false;
     for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
-        const auto lo = static_cast<double>(low[axis]);
-        const auto hi = static_cast<double>(high[axis]);
-        if (hi <= box.lo[a] || lo >= box.hi[a]) {
-            return Overlap::outside;
-        }
-        inside = inside && (box.close ? lo > box.lo[a] && hi < box.hi[a]
-                                      : lo >= box.lo[a] && hi <= box.hi[a]);
+        touches = touches || static_cast<double>(low[axis]) == box.lo[a] ||
+                  static_cast<double>(high[axis]) == box.hi[a];
     }
-    return inside ? Overlap::inside : Overlap::crossing;
+    return touches ? Overlap::crossing : Overlap::inside;
 }
 
 }  // namespace isonest::detail

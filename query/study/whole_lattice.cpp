@@ -58,8 +58,8 @@ constexpr Field kStudied = Field::linf_bar;
 struct BelowThreshold {
     double threshold;
     [[nodiscard]] static std::optional<Field> field() { return kStudied; }
-    template <class T>
-    [[nodiscard]] bool stops(const T& /*t*/, double eta) const {
+    template <class T, class Numbers>
+    [[nodiscard]] bool stops(const T& /*t*/, double eta, Numbers& /*numbers*/) const {
         return !(eta >= threshold);
     }
 };

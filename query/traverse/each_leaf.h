@@ -247,11 +247,8 @@ inline constexpr std::size_t kLeavesPerBatch = 1024;
 
 namespace each_leaf {
 
-/// A cube of at most largest_task() levels is one task; larger cubes are divided into cubes
+/// A cube of at most part_levels() levels is one task; larger cubes are divided into cubes
 /// levels_between() levels below.
-constexpr int largest_task(int dimension) {
-    return 15 / dimension;
-}
 constexpr int levels_between(int dimension) {
     return 10 / dimension;
 }
@@ -303,58 +300,27 @@ class Batches {
     std::vector<DomainLeaf<D>> leaves_;
 };
 
-/// The parallel traversal. A task visits the elements of one cube, so that the data it reads is
-/// close together.
-template <int D, class Traversal, NodeNumbers Numbers>
-class Tasks {
-  public:
-    struct Worker {
-        Worker(Numbers with, const auto& region, const auto& interest, const auto& stop)
-            : numbers(std::move(with)), traversal(numbers, region, interest, stop) {}
-        Worker(const Worker&) = delete;
-        Worker& operator=(const Worker&) = delete;
-        Numbers numbers;
-        Traversal traversal;
-    };
-    Tasks(tbb::enumerable_thread_specific<Worker>& workers, const LeafSink<D>& sink,
-          Progress& progress)
-        : workers_(workers), sink_(sink), progress_(progress) {}
-
-    /// REQUIRES: all elements are of kind 0 and belong to the same cube of `level`.
-    void cube(const std::vector<Element<D>>& elements, int level) {
-        progress_.check();
-        const bool whole = level <= largest_task(D);
-        const int below = whole ? 0 : level - levels_between(D);
-        std::vector<Element<D>> left;
-        {
-            Traversal& traversal = workers_.local().traversal;
-            const std::uint64_t before = traversal.counts().finished;
-            Batches<D> batches(cube_order(level, elements.front().bounds().first), sink_);
-            for (const Element<D>& t : elements) {
-                if (whole) {
-                    traversal.subtree(t, batches);
-                } else {
-                    traversal.above(t, below, batches, left);
-                }
-            }
-            batches.flush();
-            progress_.advance(traversal.counts().finished - before);
-        }
-        const auto cubes = by_cube(left, below);
-        left = {};
-        // Isolated: a waiting thread does not start another cube of this size, so few are open at
-        // once.
-        tbb::this_task_arena::isolate([&] {
-            tbb::parallel_for(std::size_t{0}, cubes.size(),
-                              [&](std::size_t i) { cube(cubes[i], below); });
-        });
+/// The parallel traversal: visit(elements, level, below, left) visits the elements of a cube of
+/// `level` down to whole elements of level `below`, which it adds to `left`; or, if that is null,
+/// all below them. So a task reads data that are close together. REQUIRES: all elements are of kind
+/// 0 and belong to the same cube.
+template <int D, class Visit>
+void visit_cube(const std::vector<Element<D>>& elements, int level, const Visit& visit) {
+    if (level <= part_levels<D>(false)) {
+        visit(elements, level, 0, nullptr);
+        return;
     }
-
-  private:
-    tbb::enumerable_thread_specific<Worker>& workers_;
-    const LeafSink<D>& sink_;
-    Progress& progress_;
-};
+    const int below = level - levels_between(D);
+    std::vector<Element<D>> left;
+    visit(elements, level, below, &left);
+    const auto cubes = by_cube(left, below);
+    left = {};
+    // Isolated: a waiting thread does not start another cube of this size, so few are open at once.
+    tbb::this_task_arena::isolate([&] {
+        tbb::parallel_for(std::size_t{0}, cubes.size(),
+                          [&](std::size_t i) { visit_cube<D>(cubes[i], below, visit); });
+    });
+}
 
 }  // namespace each_leaf
 
@@ -364,21 +330,45 @@ class Tasks {
 /// besides that of `numbers` and the sink: about 3 MiB per thread, independent of the volume's
 /// size. `threads`: 0 = all cores. REQUIRES: lattice.dimension() == D. Throws what numbers
 /// and sink throw, and Error{cancelled}.
-template <int D, NodeNumbers Numbers, RegionOf<Element<D>> Region, IsStopTest<Element<D>> Stop>
+template <int D, NodeNumbers Numbers, RegionOf<Element<D>> Region,
+          IsStopTest<Element<D>, Numbers> Stop>
 VisitCounts for_each_leaf(const Lattice& lattice, const Numbers& numbers, const Region& region,
                           const Stop& stop, const LeafSink<D>& sink, int threads,
                           Progress& progress) {
     assert(lattice.dimension() == D);
     using Traversal = AdaptTraverse<Element<D>, Numbers, Region, Everything, Stop>;
-    using Tasks = each_leaf::Tasks<D, Traversal, Numbers>;
-    using Worker = typename Tasks::Worker;
+    struct Worker {
+        Worker(const Numbers& with, const Region& region_, const Stop& stop_)
+            : own(with), traversal(own, region_, Everything{}, stop_) {}
+        Worker(const Worker&) = delete;
+        Worker& operator=(const Worker&) = delete;
+        Numbers own;
+        Traversal traversal;
+    };
     VisitCounts counts;
     Workers(threads).execute([&] {
         tbb::enumerable_thread_specific<Worker> workers(
-            [&] { return Worker(numbers, region, Everything{}, stop); });
+            [&] { return Worker(numbers, region, stop); });
         const std::vector<Element<D>> roots = workers.local().traversal.roots(lattice);
         progress.begin("leaves", roots.size() * roots.front().size(), "");
-        Tasks(workers, sink, progress).cube(roots, lattice.top());
+        each_leaf::visit_cube<D>(roots, lattice.top(),
+                                 [&](const std::vector<Element<D>>& elements, int level, int below,
+                                     std::vector<Element<D>>* left) {
+                                     progress.check();
+                                     Traversal& traversal = workers.local().traversal;
+                                     const std::uint64_t before = traversal.counts().finished;
+                                     each_leaf::Batches<D> batches(
+                                         cube_order(level, elements.front().bounds().first), sink);
+                                     for (const Element<D>& t : elements) {
+                                         if (left == nullptr) {
+                                             traversal.subtree(t, batches);
+                                         } else {
+                                             traversal.above(t, below, batches, *left);
+                                         }
+                                     }
+                                     batches.flush();
+                                     progress.advance(traversal.counts().finished - before);
+                                 });
         for (const Worker& worker : workers) {
             counts.add(worker.traversal.counts());
         }
@@ -401,7 +391,7 @@ class StoreNumbers {
 
 /// The same for a store, through its cache. `box`: lattice coordinates, infinite along axes without
 /// extent; use volume_box() for the whole volume. A thread holds few chunks per level at a time.
-template <int D, IsStopTest<Element<D>> Stop>
+template <int D, IsStopTest<Element<D>, StoreNumbers> Stop>
 VisitCounts for_each_leaf(ChunkCache& cache, const Stop& stop, const ClipBox& box,
                           const LeafSink<D>& sink, int threads, Progress& progress) {
     return for_each_leaf<D>(cache.source().layout().lattice(), StoreNumbers(cache), InBox{box},

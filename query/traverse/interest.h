@@ -17,6 +17,7 @@
 #include <optional>
 #include <utility>
 
+#include <isonest/element.h>
 #include <isonest/field.h>
 #include <isonest/int3.h>
 #include <isonest/world.h>
@@ -133,12 +134,6 @@ class Tolerance {
     double diagonal_;   ///< of a cell
     double pixel_ = 0;  ///< size of a pixel at distance 1
 };
-
-/// Whether a function between `low` and `high`, or up to beta beyond, can take the isovalue.
-/// Missing values, where beta is infinite, never exclude anything.
-inline bool may_reach(double low, double high, double beta, double iso) {
-    return !(low - beta > iso) && !(high + beta < iso);
-}
 
 /// Whether an element at a closed face of the box can contribute to the cap there: values between
 /// `low` and `high`, or up to beta beyond, that are not all on the side of the outside.

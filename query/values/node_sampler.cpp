@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <bit>
 #include <vector>
 
 #include <isonest/error.h>
@@ -35,7 +36,8 @@ bool NodeSampler::is_home(const ArrayInfo& array, const Int3& chunk) const {
 
 void NodeSampler::look_at(Recent& recent, int level, Field field) {
     if (recent.array == nullptr || recent.array->field != field) {
-        recent = {&layout_->array(level, field), {-1, -1, -1}, {}, {}};
+        recent = {};
+        recent.array = &layout_->array(level, field);
     }
 }
 
@@ -54,21 +56,35 @@ const std::byte* NodeSampler::element(Recent& recent, const Int3& node, int comp
     if (at == nullptr) {
         from.part = {};
         const bool whole = home || !home_level_;
-        from = {&array, chunk, array.first_node(chunk),
-                whole ? ChunkPart{cache_->get(array, chunk), true} : cache_->part(array, chunk, p)};
+        from = {};
+        from.array = &array;
+        from.chunk = chunk;
+        from.first = array.first_node(chunk);
+        from.part =
+            whole ? ChunkPart{cache_->get(array, chunk), true} : cache_->part(array, chunk, p);
+        if (from.part.is_whole) {
+            const auto each =
+                static_cast<std::int64_t>(array.codec.element_size) * array.components;
+            from.whole = from.part.data.get();
+            from.size = min(array.chunk, array.nodes - from.first);
+            from.bytes = {each, each * array.chunk.x, each * array.chunk.x * array.chunk.y};
+        }
         at = cache_->find(array, from.part, p);
     }
     return at + static_cast<std::size_t>(component) * array.codec.element_size;
 }
 
 double NodeSampler::value(const Int3& p, int level) {
-    const int from = std::min(level, layout_->lattice().top());
+    const int from = std::min(level, top_);
     Recent& recent = values_[static_cast<std::size_t>(from)];
-    look_at(recent, from, Field::values);
-    const Int3 node = max({0, 0, 0}, min({p.x >> from, p.y >> from, p.z >> from},
-                                         recent.array->nodes - Int3{1, 1, 1}));
-    const std::byte* const at = element(recent, node, 0);
-    return dispatch(layout_->header().type, [&](auto tag) {
+    const Int3 place{p.x >> from, p.y >> from, p.z >> from};
+    const std::byte* at = recent.find(place);
+    if (at == nullptr) {
+        look_at(recent, from, Field::values);
+        const Int3 last = recent.array->nodes - Int3{1, 1, 1};
+        at = element(recent, max({0, 0, 0}, min(place, last)), 0);
+    }
+    return dispatch(type_, [&](auto tag) {
         return static_cast<double>(*reinterpret_cast<const typename decltype(tag)::type*>(at));
     });
 }
@@ -92,20 +108,32 @@ Double3 NodeSampler::gradient(const Int3& p, int level) {
     return steps_.gradient(g);
 }
 
-double NodeSampler::at_level_1(const Int3& x, const NodeInfo& node, bool plus) {
-    const double eta = finest_offset(value(x, 0), value(node.end0, 0), value(node.end1, 0),
-                                     layout_->rounds_outward());
-    if (node.kind == NodeKind::edge) {
+/// The offset of a node from the ends of its refinement edge (describe_node()). `odd`: 1 along the
+/// axes of the edge.
+double NodeSampler::offset_at_level_1(const Int3& x, const Int3& odd) {
+    const auto along = [](std::int64_t p, std::int64_t is_odd) {
+        return is_odd == 0 ? 0 : (p & 3) == 1 ? 1 : -1;
+    };
+    const Int3 half{along(x.x, odd.x), along(x.y, odd.y), along(x.z, odd.z)};
+    return finest_offset(value(x, 0), value(x - half, 0), value(x + half, 0), outward_);
+}
+
+double NodeSampler::at_level_1(const Int3& x, bool plus) {
+    const Int3 odd{x.x & 1, x.y & 1, x.z & 1};
+    const double eta = offset_at_level_1(x, odd);
+    if (odd.x + odd.y + odd.z == 1) {
         return eta;
     }
-    const int top = layout_->lattice().top();
+    // A face: its children are on its edges, on both sides along each axis.
     double largest = 0;
     for (int axis = 0; axis < 3; ++axis) {
-        if (node.odd[static_cast<std::size_t>(axis)]) {
+        if (odd[axis] != 0) {
+            Int3 others = odd;
+            others[axis] = 0;
             for (const std::int64_t step : {-1, 1}) {
                 Int3 child = x;
                 child[axis] += step;
-                largest = std::max(largest, at_level_1(child, describe_node(child, top), plus));
+                largest = std::max(largest, offset_at_level_1(child, others));
             }
         }
     }
@@ -114,7 +142,10 @@ double NodeSampler::at_level_1(const Int3& x, const NodeInfo& node, bool plus) {
 
 double NodeSampler::stored(Recent& recent, const Int3& owner, int slot) {
     const ArrayInfo& array = *recent.array;
-    const std::byte* const at = element(recent, owner, slot - array.first_slot);
+    const int component = slot - array.first_slot;
+    const std::byte* at = recent.find(owner);
+    at = at != nullptr ? at + static_cast<std::size_t>(component) * array.codec.element_size
+                       : element(recent, owner, component);
     return array.codec.element_size == sizeof(float)
                ? static_cast<double>(*reinterpret_cast<const float*>(at))
                : static_cast<double>(decode_indicator(*reinterpret_cast<const IndicatorCode*>(at)));
@@ -149,15 +180,14 @@ double NodeSampler::indicator(const Int3& x, Field field) {
 }
 
 double NodeSampler::grid_indicator(const Int3& x, Field field) {
-    const NodeInfo node = describe_node(x, layout_->lattice().top());
-    const int level = node.level();
-    const int shift = level - 1;
+    const int shift = std::countr_zero(static_cast<std::uint64_t>(x.x | x.y | x.z));
+    const int level = shift + 1;
     const Int3 p{x.x >> shift, x.y >> shift, x.z >> shift};
     Recent& recent = indicators_[static_cast<std::size_t>(level)];
     look_at(recent, level, field);
     const int slot = slot_of(p);
     if (slot < recent.array->first_slot) {
-        return at_level_1(x, node, saturation_of(field) == Saturation::plus);
+        return at_level_1(x, saturation_of(field) == Saturation::plus);
     }
     return stored(recent, {p.x >> 1, p.y >> 1, p.z >> 1}, slot);
 }

@@ -24,7 +24,12 @@ class NodeSampler {
     static constexpr ChunkSides kSides{3, 1};
 
     explicit NodeSampler(ChunkCache& cache)
-        : cache_(&cache), layout_(&cache.source().layout()), steps_(layout_->header().steps()) {}
+        : cache_(&cache),
+          layout_(&cache.source().layout()),
+          steps_(layout_->header().steps()),
+          type_(layout_->header().type),
+          outward_(layout_->rounds_outward()),
+          top_(layout_->lattice().top()) {}
 
     /// Until leave(), most nodes are near the chunk of `level` that contains this node of the
     /// finest lattice. That chunk is decoded as a whole and kept in addition to the last other
@@ -57,16 +62,36 @@ class NodeSampler {
         Int3 chunk{-1, -1, -1};
         Int3 first{};  ///< node of the chunk
         ChunkPart part;
+        /// If the whole chunk is here: its bytes, and its nodes in the lattice.
+        const std::byte* whole = nullptr;
+        Int3 size{};
+
+        /// The element of a node if the whole chunk is here and has it; else null.
+        [[nodiscard]] const std::byte* find(const Int3& node) const {
+            const Int3 p = node - first;
+            const auto below = [](std::int64_t at, std::int64_t end) {
+                return static_cast<std::uint64_t>(at) < static_cast<std::uint64_t>(end);
+            };
+            if (!below(p.x, size.x) || !below(p.y, size.y) || !below(p.z, size.z)) {
+                return nullptr;
+            }
+            return whole + (p.x * bytes.x + p.y * bytes.y + p.z * bytes.z);
+        }
+        Int3 bytes{};  ///< from a node to the next along each axis
     };
     void look_at(Recent& recent, int level, Field field);
     const std::byte* element(Recent& recent, const Int3& node, int component);
     double stored(Recent& recent, const Int3& owner, int slot);
-    double at_level_1(const Int3& x, const NodeInfo& node, bool plus);
+    double offset_at_level_1(const Int3& x, const Int3& odd);
+    double at_level_1(const Int3& x, bool plus);
     [[nodiscard]] bool is_home(const ArrayInfo& array, const Int3& chunk) const;
 
     ChunkCache* cache_;
     const StoreLayout* layout_;
     LatticeSteps steps_;
+    ValueType type_;
+    bool outward_;
+    int top_;
     std::array<Recent, kLevels> values_;
     std::array<Recent, kLevels> indicators_;
     std::optional<int> home_level_;

@@ -103,6 +103,34 @@ def check(condition, what):
         sys.exit(what)
 
 
+def check_grid(path, cells):
+    """The tetrahedra of the example, by VTK: oriented, of the volume's size, with the function's values."""
+    try:
+        from vtkmodules.util.numpy_support import vtk_to_numpy
+        from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+    except ImportError:
+        print("layer.vtu: not read, because VTK is missing")
+        return
+    reader = vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    grid = reader.GetOutput()
+    check(grid.GetNumberOfCells() == cells, "layer.vtu: the number of cells")
+    points = vtk_to_numpy(grid.GetPoints().GetData())
+    corners = vtk_to_numpy(grid.GetCells().GetConnectivityArray()).reshape(-1, 4)
+    a, b, c, d = (points[corners[:, i]] for i in range(4))
+    volumes = ((b - a) * numpy.cross(c - a, d - a)).sum(axis=1) / 6
+    check(volumes.min() > 0, "layer.vtu: a tetrahedron is turned")
+    # 39 x 47 x 55 cells of 0.5 x 0.5 x 1; coarse tetrahedra extend beyond them.
+    check(39 * 47 * 55 / 4 <= volumes.sum() <= 64 ** 3 / 4, "layer.vtu: the volume")
+    values = vtk_to_numpy(grid.GetPointData().GetArray("value"))
+    inside = ((points / [0.5, 0.5, 1]) <= [39, 47, 55]).all(axis=1)
+    distance = numpy.linalg.norm(points / [0.5, 0.5, 1] - [18.5, 24.5, 30.5], axis=1)
+    check(numpy.abs(values - numpy.tanh(15 - distance))[inside].max() < 1e-6, "layer.vtu: the values")
+    levels = vtk_to_numpy(grid.GetCellData().GetArray("level"))
+    check(levels.min() >= 0 and levels.max() < 7, "layer.vtu: the levels")
+
+
 if not cache("CMAKE_HOME_DIRECTORY") or cache("ISONEST_INSTALL") in ("OFF", "FALSE", "0"):
     print("this build tree is not one that installs")
     sys.exit(77)
@@ -239,4 +267,19 @@ with tempfile.TemporaryDirectory() as temporary:
     check(len(spread) == 3 and spread[0] > spread[1] > spread[2] > 0, "own_indicator: the thresholds")
     offset, linf = map(int, re.search(r"^offset: (\d+) triangles, linf: (\d+)$", printed["own_indicator"], re.M).groups())
     check(offset == linf > 0, "own_indicator: the formula of linf")
+
+    # The integral of the function, 8 / pi^3, up to the error asked for, and by far fewer nodes than the volume's 65^3.
+    tetrahedra, nodes, integral = map(float, re.match(
+        r"(\d+) tetrahedra with (\d+) nodes, integral ([\d.]+)$", printed["adapt_traverse"]).groups())
+    check(math.isclose(integral, 8 / math.pi ** 3, abs_tol=0.01), "adapt_traverse: the integral")
+    check(1000 < tetrahedra < 6 * 64 ** 3 / 4 and nodes < 65 ** 3 / 4, "adapt_traverse: the size of the grid")
+
+    # The histogram, the file and what another reader finds in it.
+    shown = printed["grid_statistics"]
+    leaves = sum(int(count) for count in re.findall(r"^level \d+: (\d+) leaves$", shown, re.M))
+    cells = int(re.search(r"^layer.vtu: (\d+) tetrahedra$", shown, re.M).group(1))
+    check(leaves == cells > 10000, "grid_statistics: the histogram and the file differ")
+    ranges = [tuple(map(float, r)) for r in re.findall(r"^eighth \d: ([-\d.]+) to ([-\d.]+)$", shown, re.M)]
+    check(len(ranges) == 8 and all(low < -0.9 and high > 0.9 for low, high in ranges), "grid_statistics: the eighths")
+    check_grid(work / "grid_statistics" / "layer.vtu", cells)
 print(f"{len(headers)} headers, {len(programs)} programs")

@@ -334,6 +334,28 @@ ElementScout<T, Numbers, Region, Interest, Stop, Needs> element_scout(Numbers nu
 /// What is read for a leaf: data for vertices on its edges, or at its nodes.
 enum class LeafReads { nothing, edges, nodes };
 
+/// Adds the values between an element's level and the next. REQUIRES: t.level > 0.
+template <int D>
+void want_values(const StoreLayout& layout, const Element<D>& t, Wants& wants) {
+    const auto [low, high] = t.bounds();
+    const int finer = t.level - 1;
+    wants.box(layout.array(finer, Field::values), {low.x >> finer, low.y >> finer, low.z >> finer},
+              {high.x >> finer, high.y >> finer, high.z >> finer});
+}
+
+/// The same for an indicator.
+template <int D>
+void want_field(const StoreLayout& layout, const Element<D>& t, Field field, Wants& wants) {
+    const auto [low, high] = t.bounds();
+    const ArrayInfo& array = layout.array(t.level, field);
+    wants.box(array, {low.x >> t.level, low.y >> t.level, low.z >> t.level},
+              {high.x >> t.level, high.y >> t.level, high.z >> t.level});
+    if (array.first_slot > 0) {
+        // Numbers that are not stored are computed from the values around them.
+        wants.box(layout.array(0, Field::values), low - Int3{1, 1, 1}, high + Int3{2, 2, 2});
+    }
+}
+
 /// The needs of simplices.
 class SimplexNeeds {
   public:
@@ -351,20 +373,9 @@ class SimplexNeeds {
         if (t.level == 0) {
             return;
         }
-        const auto [low, high] = t.bounds();
-        const auto at = [](const Int3& p, int level) {
-            return Int3{p.x >> level, p.y >> level, p.z >> level};
-        };
-        const int finer = t.level - 1;
-        wants.box(layout_.array(finer, Field::values), at(low, finer), at(high, finer));
+        want_values(layout_, t, wants);
         for (const Field field : fields_) {
-            const ArrayInfo& array = layout_.array(t.level, field);
-            wants.box(array, at(low, t.level), at(high, t.level));
-            if (array.first_slot > 0) {
-                // Numbers that are not stored are computed from the values around them.
-                wants.box(layout_.array(0, Field::values), low - Int3{1, 1, 1},
-                          high + Int3{2, 2, 2});
-            }
+            want_field(layout_, t, field, wants);
         }
     }
     template <int D, class Numbers>
