@@ -478,7 +478,7 @@ void ImplicitGrid<D>::visit(const Batch& batch) const {
     const GridParts<D>& grid = *parts_;
     detail::Collector<D> coarse(batch);
     detail::for_coarse_leaves<D>(grid.lattice, grid.nodes, grid.blocks.level,
-                                 [&]<int Kind>(const detail::Element<D>& leaf) {
+                                 [&]<int Kind>(const Element<D>& leaf) {
                                      GridElement<D>& t = coarse.next();
                                      t.vertex = leaf.v;
                                      for (std::size_t i = 0; i <= D; ++i) {
@@ -515,7 +515,7 @@ void ImplicitGrid<D>::visit(HashedNumbering& numbering, const Batch& batch) cons
     detail::Collector<D> found(batch);
     detail::for_each_element<D>(
         grid.lattice, detail::WithinVolume{grid.nodes.nodes() - Int3{1, 1, 1}},
-        [&](const detail::Element<D>& t) {
+        [&](const Element<D>& t) {
             return active.indicator(t.ref_node(), Field::values) != 0;
         },
         numbering,
