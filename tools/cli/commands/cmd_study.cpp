@@ -260,12 +260,9 @@ Result run(StudyArguments& a, Progress& progress) {
                    {"all_cells", s.all_cells},
                    {"rows", rows}};
     result.text = fmt::format(
-        "{}: study.csv and plots of {} fields at {} thresholds; the finest mesh "
-        "has {} elements, the finest grid {} cells
-The columns efficiency_* are 1 / (visited "
-        "error); "
-        "1 / (elements error), which had these names before, is element_efficiency_*
-",
+        "{}: study.csv and plots of {} fields at {} thresholds; the finest mesh has {} elements, "
+        "the finest grid {} cells\nThe columns efficiency_* are 1 / (visited error); "
+        "1 / (elements error), which had these names before, is element_efficiency_*\n",
         a.folder, s.rows.size() / static_cast<std::size_t>(a.study.steps), a.study.steps,
         s.all_elements, s.all_cells);
     add_fetched(opened, result);

@@ -14,7 +14,6 @@
 #include "store/files/scratch_file.h"
 #include "store/ranks/agreement.h"
 #include "store/remote/open_location.h"
-#include "tools/cli/commands/volume_values.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/terminal/interrupt.h"
