@@ -69,9 +69,10 @@ std::vector<Real> MassAndStiffness<D, Real>::stiffness_diagonal() const {
 }
 
 template <class Real>
-SolverResult conjugate_gradients(const LinearMap<Real>& product, const LinearMap<Real>& precondition,
-                                 std::span<const Real> b, std::span<Real> x,
-                                 const SolverOptions& options, Progress& progress) {
+SolverResult conjugate_gradients(const LinearMap<Real>& product,
+                                 const LinearMap<Real>& precondition, std::span<const Real> b,
+                                 std::span<Real> x, const SolverOptions& options,
+                                 Progress& progress) {
     const std::size_t n = x.size();
     if (b.size() != n || (!options.fixed.empty() && options.fixed.size() != n)) {
         throw Error(ErrorKind::invalid_argument,

@@ -515,9 +515,7 @@ void ImplicitGrid<D>::visit(HashedNumbering& numbering, const Batch& batch) cons
     detail::Collector<D> found(batch);
     detail::for_each_element<D>(
         grid.lattice, detail::WithinVolume{grid.nodes.nodes() - Int3{1, 1, 1}},
-        [&](const Element<D>& t) {
-            return active.indicator(t.ref_node(), Field::values) != 0;
-        },
+        [&](const Element<D>& t) { return active.indicator(t.ref_node(), Field::values) != 0; },
         numbering,
         [&](const detail::NumberedElement<D>& leaf) {
             GridElement<D>& t = found.next();

@@ -26,8 +26,6 @@
 namespace isonest::detail {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
 /// The odd axes of a node of scale 1 (bits).
 unsigned odd_axes(const Int3& p) {
     return static_cast<unsigned>((p.x & 1) | (p.y & 1) << 1 | (p.z & 1) << 2);

@@ -272,9 +272,9 @@ TEST_CASE(
             CHECK(std::fabs(integral(first) - report.mean) < 2e-5);
         }
     }
-    NonlinearDiffusion constant(
-        lattice, {1, 1, 1}, std::vector<float>(static_cast<std::size_t>(n.product()), 7.25F),
-        {.sigma = 0.0});
+    NonlinearDiffusion constant(lattice, {1, 1, 1},
+                                std::vector<float>(static_cast<std::size_t>(n.product()), 7.25F),
+                                {.sigma = 0.0});
     const SmoothStep report = constant.step(silent_progress());
     CHECK(report.iterations == 0);
     CHECK(std::all_of(constant.values().begin(), constant.values().end(),

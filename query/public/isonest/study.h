@@ -25,8 +25,8 @@ struct StudyOptions {
     std::vector<AnyField> fields = {};
     int steps = 25;       ///< number of thresholds from 1 down to `least`, in a geometric sequence
     double least = 1e-4;  ///< relative to the field's largest value
-    /// Also count what AdaptTraverse visits for this isosurface. The store must have a bound for the
-    /// interest test; fields of cells only in a volume.
+    /// Also count what AdaptTraverse visits for this isosurface. The store must have a bound for
+    /// the interest test; fields of cells only in a volume.
     std::optional<double> iso = {};
     /// Restrict the mesh and its error to this plane. Only with a volume, without an isosurface,
     /// and with fields of nodes; the last also applies to all options below.

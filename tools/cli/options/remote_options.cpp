@@ -144,7 +144,7 @@ void add_remote_options(CLI::App* command, RemoteArguments& a) {
 
 void require_remote(const RemoteArguments& a, const std::vector<std::string>& inputs) {
     const bool any_remote = std::any_of(inputs.begin(), inputs.end(),
-                                 [](const std::string& input) { return is_url(input); });
+                                        [](const std::string& input) { return is_url(input); });
     if (!any_remote && (!a.headers.empty() || !a.cache.empty())) {
         throw Error(
             ErrorKind::invalid_argument,
