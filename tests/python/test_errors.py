@@ -79,8 +79,11 @@ def test_a_damaged_store_raises_corrupt_error(store, store_path):
     (store_path.parent / "cut").write_bytes(content[:len(content) // 2])
     with pytest.raises(isonest.CorruptError):
         isonest.open(store_path.parent / "cut")
+
+
+def test_another_file_is_not_called_damaged(store_path):
     (store_path.parent / "text").write_text("no store" * 100)
-    with pytest.raises(isonest.CorruptError) as caught:
+    with pytest.raises(isonest.InvalidArgumentError) as caught:
         isonest.open(store_path.parent / "text")
     assert isinstance(caught.value, ValueError) and "isonest.preprocess" in caught.value.remedies[0]
 

@@ -60,7 +60,7 @@ CHOICES_OF_OTHERS = {("slice", "cells"): "quad is of graphs", ("extract", "compo
 # The types that the table uses.
 TYPES = {"Any": typing.Any, "Point": _arguments.Point, "Box": _arguments.Box, "Bytes": _arguments.Bytes,
          "Headers": _arguments.Headers, "Path": typing.Union[str, "os.PathLike[str]"], "Store": Extracting,
-         "Sequence": typing.Sequence, "choice": typing.Literal["choice"]}
+         "Sequence": typing.Sequence, "Mapping": typing.Mapping, "choice": typing.Literal["choice"]}
 
 
 @functools.lru_cache(maxsize=None)

@@ -215,7 +215,7 @@ def test_errors_of_the_program_raise_the_corresponding_exceptions(store, store_p
     with pytest.raises(FileNotFoundError):
         isonest.view(tmp_path / "none", open=False)
     (tmp_path / "text").write_text("no store" * 100)
-    with pytest.raises(isonest.CorruptError):
+    with pytest.raises(isonest.InvalidArgumentError):
         isonest.view(tmp_path / "text", open=False)
     store_path.unlink()
     with pytest.raises(isonest.NotFoundError) as caught:

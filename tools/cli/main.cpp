@@ -50,30 +50,30 @@ std::string why_missing([[maybe_unused]] const std::string& command) {
 }
 
 Program whole_program() {
-    return {"isonest",
-            "isonest: isosurfaces with a guaranteed error from volumes of any size.\n"
-            "A volume is preprocessed once into a store, from which surfaces of any isovalue, "
-            "error\nand region are then extracted, reading only the data that they need.\n",
+    return {
+        "isonest",
+        "isonest: isosurfaces with a guaranteed error from volumes of any size.\n"
+        "A volume is preprocessed once into a store, from which surfaces of any isovalue, "
+        "error\nand region are then extracted, reading only the data that they need.\n",
 
-            "Start here:\n"
-            "  isonest make-volume bucky --size 129 -o bucky.h5\n"
-            "  isonest preprocess bucky.h5 -o bucky.isonest\n"
-            "  isonest extract bucky.isonest --iso 0.5 --error 0.01 -o bucky.ply\n"
-            "  isonest picture bucky.ply -o bucky.png\n"
-            "`isonest COMMAND --help` explains a command and ends with examples.\n\n"
-            "Exit codes: 0 done, 1 internal error, 2 invalid request, 3 not found, 4 corrupt "
-            "data,\n5 unsupported, 6 input/output failed, 7 a limit or the memory is too "
-            "small,\n130 interrupted. An output file appears only when it is complete.\nMeshes, "
-            "pictures and plots replace an existing file; stores and volumes, which take\nlonger "
-            "to make, only with --force. Inputs of the command, links, devices, FIFOs and\nsockets "
-            "are never replaced; a replaced file keeps its permissions.",
-            declare,
-            why_missing,
-            nullptr,
-            publish::has_library(site_page_files())
-                ? std::vector<std::pair<std::string, std::string>>{}
-                : std::vector<std::pair<std::string, std::string>>{
-                      {"writing sites (publish)", kPublishNeeds}}};
+        "Start here:\n"
+        "  isonest make-volume bucky --size 129 -o bucky.h5\n"
+        "  isonest preprocess bucky.h5 -o bucky.isonest\n"
+        "  isonest extract bucky.isonest --iso 0.5 --error 0.01 -o bucky.ply\n"
+        "  isonest picture bucky.ply -o bucky.png\n"
+        "`isonest COMMAND --help` explains a command and ends with examples.\n\n"
+        "Exit codes: 0 done, 1 internal error, 2 invalid request, 3 not found,\n4 corrupt data, "
+        "5 unsupported, 6 input/output failed, 7 a limit or the memory is\ntoo small, 130 "
+        "interrupted. An output file appears only when it is complete.\nMeshes, pictures and "
+        "plots replace an existing file; stores and volumes, which\ntake longer to make, only "
+        "with --force. Inputs of the command, links, devices,\nFIFOs and sockets are never "
+        "replaced; a replaced file keeps its permissions.",
+        declare,
+        why_missing,
+        nullptr,
+        publish::has_library(site_page_files()) ? std::vector<std::pair<std::string, std::string>>{}
+                                                : std::vector<std::pair<std::string, std::string>>{
+                                                      {"writing sites (publish)", kPublishNeeds}}};
 }
 
 }  // namespace

@@ -207,7 +207,8 @@ bool has_word(std::string_view words, std::string_view word) {
     return false;
 }
 
-const OptionRow& row_of(std::string_view command, std::string_view name) {
+/// Null if the table has no such option.
+const OptionRow* find_row(std::string_view command, std::string_view name) {
     const OptionRow* found = nullptr;
     for (const OptionRow& row : kOptions) {
         if (row.name == name &&
@@ -215,6 +216,11 @@ const OptionRow& row_of(std::string_view command, std::string_view name) {
             found = &row;
         }
     }
+    return found;
+}
+
+const OptionRow& row_of(std::string_view command, std::string_view name) {
+    const OptionRow* const found = find_row(command, name);
     if (found == nullptr) {
         throw std::logic_error(fmt::format("the table of options has no {} of {}", name, command));
     }
@@ -250,7 +256,8 @@ std::span<const char* const> option_groups() {
 }
 
 std::string form_of(std::string_view command, std::string_view option) {
-    return row_of(command, option).form;
+    const OptionRow* const row = find_row(command, option);
+    return row != nullptr ? row->form : "";
 }
 
 std::vector<const CLI::Option*> options_in(const CLI::App& command, const char* group) {

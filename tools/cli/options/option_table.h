@@ -30,8 +30,8 @@ std::span<const char* const> option_groups();
 /// option that is not in the table.
 void describe_options(CLI::App& command);
 
-/// The form of an option's value, "X,Y[,Z]"; empty for a flag. `option`: "--dims". Throws
-/// std::logic_error as describe_options().
+/// The form of an option's value, "X,Y[,Z]"; empty for a flag, and if the command has no such
+/// option. `option`: "--dims".
 std::string form_of(std::string_view command, std::string_view option);
 
 /// The options of the command that belong to this group, in the order of the table.

@@ -221,7 +221,7 @@ class Store(Extracting):
             array = self._core.values(level, backwards(low), backwards(high), to_bytes(memory), threads, report)
         return array.squeeze(axis=drop) if drop else array
 
-    def _corners(self, level: int, box: Optional[Sequence[Union[slice, int]]]
+    def _corners(self, level: int, box: Union[None, slice, int, Sequence[Union[slice, int]]]
                  ) -> "tuple[list[int], list[int], tuple[int, ...]]":
         """The first indices of a box, those behind its last ones, and the axes with an index in place of a slice."""
         shape = self.level_shape(level)
@@ -242,7 +242,7 @@ class Store(Extracting):
             high.append(max(start, stop))
         return low, high, tuple(drop)
 
-    def indicator(self, field: str, level: int = 0, box: Optional[Sequence[Union[slice, int]]] = None, *,
+    def indicator(self, field: str, level: int = 0, box: Union[None, slice, int, Sequence[Union[slice, int]]] = None, *,
                   memory: Bytes = "256M", threads: int = 0, progress: Progress = None) -> np.ndarray:
         """Reads a stored indicator at the nodes of a level, as float64: inf where a value is missing, 0 at nodes that
         refine no element.
