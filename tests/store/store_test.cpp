@@ -161,7 +161,9 @@ TEST_CASE("a flipped byte gives the same surface or an error, and check finds it
         });
         errors += kind ? 1 : 0;
         CAPTURE(at);
-        CHECK((!kind || *kind == ErrorKind::corrupt || *kind == ErrorKind::unsupported));
+        constexpr std::size_t kSignature = 8;  // without it, the file is not one of HDF5
+        CHECK((!kind || *kind == ErrorKind::corrupt || *kind == ErrorKind::unsupported ||
+               (*kind == ErrorKind::invalid_argument && at < kSignature)));
     }
     CHECK(errors > 10);
     CHECK(found > 50);
