@@ -215,7 +215,7 @@ test("the page reports why a worker cannot open the store or has died", async ()
   await idle(second.page);
   await setIso(second.page, 0.7);
   await second.page.waitForSelector("#reload");
-  assert.match(await banner(second.page), /has failed: .*out of memory/);
+  assert.match(await banner(second.page), /failed: .*out of memory/);
   assert.equal(await second.page.evaluate(() => window.isonest.banner()), "server");
   await second.close();
   await writeFile(join(folder.path, "site", "worker.js"), "this is no script");
