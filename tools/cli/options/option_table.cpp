@@ -207,8 +207,7 @@ bool has_word(std::string_view words, std::string_view word) {
     return false;
 }
 
-/// Null if the table has no such option.
-const OptionRow* find_row(std::string_view command, std::string_view name) {
+const OptionRow& row_of(std::string_view command, std::string_view name) {
     const OptionRow* found = nullptr;
     for (const OptionRow& row : kOptions) {
         if (row.name == name &&
@@ -216,11 +215,6 @@ const OptionRow* find_row(std::string_view command, std::string_view name) {
             found = &row;
         }
     }
-    return found;
-}
-
-const OptionRow& row_of(std::string_view command, std::string_view name) {
-    const OptionRow* const found = find_row(command, name);
     if (found == nullptr) {
         throw std::logic_error(fmt::format("the table of options has no {} of {}", name, command));
     }
@@ -253,11 +247,6 @@ nlohmann::ordered_json json_of(const CLI::Option& option, const OptionRow& row) 
 
 std::span<const char* const> option_groups() {
     return kGroups;
-}
-
-std::string form_of(std::string_view command, std::string_view option) {
-    const OptionRow* const row = find_row(command, option);
-    return row != nullptr ? row->form : "";
 }
 
 std::vector<const CLI::Option*> options_in(const CLI::App& command, const char* group) {

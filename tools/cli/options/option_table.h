@@ -5,8 +5,6 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json_fwd.hpp>
 #include <span>
-#include <string>
-#include <string_view>
 #include <vector>
 
 namespace isonest::detail::cli {
@@ -29,10 +27,6 @@ std::span<const char* const> option_groups();
 /// Sets group, form and description of every option of the command. Throws std::logic_error for an
 /// option that is not in the table.
 void describe_options(CLI::App& command);
-
-/// The form of an option's value, "X,Y[,Z]"; empty for a flag, and if the command has no such
-/// option. `option`: "--dims".
-std::string form_of(std::string_view command, std::string_view option);
 
 /// The options of the command that belong to this group, in the order of the table.
 std::vector<const CLI::Option*> options_in(const CLI::App& command, const char* group);

@@ -3,12 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cstdint>
 #include <string_view>
 #include <vector>
-
-#include "tools/cli/options/option_table.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -165,9 +164,17 @@ Phrase phrase_of(RemedyKind kind) {
 
 /// The option that sets a member of SourceOptions. `with_form`: followed by the form of its value.
 std::string option_of(std::string_view member, bool with_form) {
-    const std::string option = "--" + std::string(member == "big_endian" ? "endian" : member);
-    const std::string form = with_form ? form_of("preprocess", option) : std::string();
-    return form.empty() ? option : option + " " + form;
+    constexpr std::array<std::array<std::string_view, 3>, 4> kForms{
+        {{"dims", "--dims", " X,Y[,Z]"},
+         {"type", "--type", " T"},
+         {"offset", "--offset", " BYTES"},
+         {"big_endian", "--endian", " END"}}};
+    for (const auto& [name, option, form] : kForms) {
+        if (name == member) {
+            return std::string(option) + std::string(with_form ? form : "");
+        }
+    }
+    return fmt::format("--{}", member);
 }
 
 /// "a", "a and b", "a, b and c"; `last` precedes the last item.
