@@ -50,7 +50,8 @@ struct MappedNumbers {
             const Int3& n = volume.nodes;
             throw Error(ErrorKind::invalid_argument, {volume.name},
                         fmt::format("has {} x {} x {} nodes; the volume {} has {} x {} x {}", n.x,
-                                    n.y, n.z, of.name, of.nodes.x, of.nodes.y, of.nodes.z));
+                                    n.y, n.z, of.name, of.nodes.x, of.nodes.y, of.nodes.z),
+                        {{RemedyKind::leave_out, "own"}});
         }
         dispatch(volume.type, [&](auto tag) { look_up<typename decltype(tag)::type>(nodes, to); });
     }

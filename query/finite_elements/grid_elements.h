@@ -5,6 +5,7 @@
 // and those outside are not visited, so every leaf is in the volume.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <concepts>
@@ -162,7 +163,8 @@ void for_each_element(const Lattice& lattice, const Region& region, const Refine
             action(t);
             return;
         }
-        const std::size_t end = t.simplex.ref_end();
+        // GCC 14 does not see that ref_end() <= D, and warns about the arrays' bounds.
+        const std::size_t end = std::min<std::size_t>(t.simplex.ref_end(), D);
         const std::uint64_t middle = numbering.middle(t.node[0], t.node[end], t.simplex.ref_node());
         const auto halves = t.simplex.bisect(0);
         NumberedElement<D> half{halves[0], t.node};
