@@ -52,7 +52,7 @@ StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& 
         if (is_own(field) && std::find(own.begin(), own.end(), field) == own.end()) {
             throw Error(
                 ErrorKind::invalid_argument, {volume.name},
-                fmt::format("{} has no function or volume that says its numbers", name_of(field)));
+                fmt::format("{} needs a function or a volume of its numbers", name_of(field)));
         }
     }
     header.fields.insert(header.fields.end(), own.begin(), own.end());
