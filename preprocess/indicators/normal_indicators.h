@@ -34,8 +34,8 @@ class NormalIndicators {
   public:
     NormalIndicators(const LatticeSteps& steps, int level, unsigned flat);
 
-    /// For the node in `slot` of lattice node `owner`; `cells` are those of the level. +inf if a
-    /// value of the diamond is not finite. Thread-safe.
+    /// The indicators of the node in `slot` of lattice node `owner`; `cells` are the cells of its
+    /// level. +inf if a value of the diamond is not finite. Thread-safe.
     [[nodiscard]] NormalChange at(const Int3& owner, int slot, const Int3& cells,
                                   const Neighbourhood& values) const;
 

@@ -97,8 +97,9 @@ OwnIndicators::OwnIndicators(std::span<const OwnIndicator> indicators, VolumeDes
         throw Error(kind, {volume_.name}, problem);
     };
     if (indicators.size() > static_cast<std::size_t>(kMaxOwnIndicators)) {
-        refuse(ErrorKind::invalid_argument, fmt::format("{} own indicators; a store holds up to {}",
-                                                        indicators.size(), kMaxOwnIndicators));
+        refuse(ErrorKind::invalid_argument,
+               fmt::format("there are {} own indicators; a store can hold at most {}",
+                           indicators.size(), kMaxOwnIndicators));
     }
     if (!indicators.empty() && volume_.labels) {
         refuse(ErrorKind::unsupported, "labels of 64 bits cannot have own indicators");

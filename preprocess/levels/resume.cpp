@@ -264,12 +264,13 @@ std::optional<InterruptedRun> InterruptedRun::find(const std::filesystem::path& 
             if (!std::filesystem::exists(names.string() + process, ignored)) {
                 continue;  // killed after its store got its final name: nothing to continue
             }
-            other.emplace(ErrorKind::invalid_argument, ErrorPlace{entry.path().string()},
-                          fmt::format("the interrupted run had another input or other options: {}",
-                                      difference(*theirs, identity)),
-                          std::vector<Remedy>{{RemedyKind::same_options},
-                                              {RemedyKind::remove_leftover},
-                                              {RemedyKind::no_resume}});
+            other.emplace(
+                ErrorKind::invalid_argument, ErrorPlace{entry.path().string()},
+                fmt::format("the interrupted run used a different input or different options: {}",
+                            difference(*theirs, identity)),
+                std::vector<Remedy>{{RemedyKind::same_options},
+                                    {RemedyKind::remove_leftover},
+                                    {RemedyKind::no_resume}});
             continue;
         }
         InterruptedRun run(std::move(*lock));

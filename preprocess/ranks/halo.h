@@ -168,8 +168,8 @@ struct HaloArray {
     std::int64_t behind = 0;
 };
 
-/// The rows of `arrays` that rank `to` needs for its pencils of the cut `needing` and that rank
-/// `from` has made, as runs in an order that both ranks know.
+/// The rows of `arrays` that rank `from` has computed and rank `to` needs for its pencils of the
+/// cut `needing`, as runs in an order that both ranks know.
 class HaloRuns {
   public:
     struct Run {

@@ -389,8 +389,8 @@ class LevelChecks {
                 if (!(own.at(cell, 0) >= finer.at(at, 0))) {
                     findings_.add("saturation", array, chunk,
                                   cell * (std::int64_t{1} << array.level),
-                                  fmt::format("{} is less than {} in its neighbour or part {} {} "
-                                              "{} of level {}",
+                                  fmt::format("{} is less than {}, the value at its neighbour or "
+                                              "child ({}, {}, {}) of level {}",
                                               own.at(cell, 0), finer.at(at, 0), at.x, at.y, at.z,
                                               array.level - 1));
                 }

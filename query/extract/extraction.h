@@ -66,11 +66,11 @@ struct FoundParts {
 /// which have no normal, if normals are requested.
 void watch_vertices(const ExtractQuery& asked, PartStore& parts);
 
-/// Traverses once, fills all parts and seals them; additional memory is freed afterwards. Chunks
-/// are counted for each of them. REQUIRES: several isovalues only for a surface or isolines of
-/// values; called within an arena of budget.threads. `team`: ranks that share the traversal, or
-/// null; it is then collective: rank 0 gets the parts of all unless they stay, and its result
-/// counts the work of all. Throws what traverse() throws.
+/// Fills and seals all parts in one traversal, then frees the additional memory. Chunks are counted
+/// separately for each part. REQUIRES: several isovalues only for a surface or isolines of values;
+/// called within an arena of budget.threads. `team`: ranks that share the traversal, or null; it is
+/// then collective: rank 0 receives the parts of all ranks, unless they stay on their ranks, and
+/// its result counts the work of all ranks. Throws what traverse() throws.
 std::vector<FoundParts> find_parts(const StoreReader& store, const ExtractQuery& asked,
                                    const TraversalBudget& budget,
                                    std::span<const PartsPlace> places, const ScratchFolder& scratch,

@@ -51,8 +51,8 @@ struct SlotRows {
 };
 
 /// eta_{1,infinity} of the hat function at a node: |grad| = factor * |U_delta|. `odd_axes`: bits of
-/// the axes along which the node's refinement edge runs. REQUIRES: level > 0, an odd axis, none of
-/// them flat.
+/// the axes along which the node's refinement edge runs. REQUIRES: level > 0, at least one odd
+/// axis, and no flat one among them.
 double hat_gradient(const Lattice& lattice, const Double3& spacing, int level, unsigned odd_axes);
 
 /// The refined nodes and the corners of the coarsest elements. `wanted`: whether the indicator,

@@ -56,7 +56,7 @@ class NonlinearDiffusion {
     NonlinearDiffusion(const Lattice& lattice, const Double3& spacing, std::vector<float> values,
                        const SmoothOptions& options);
 
-    /// Throws Error{limit, cancelled}; afterwards there are no values.
+    /// Throws Error{limit, cancelled}, after which the object holds no values.
     SmoothStep step(Progress& progress);
     [[nodiscard]] std::span<const float> values() const { return values_; }
     [[nodiscard]] const Lattice& lattice() const { return lattice_; }

@@ -315,7 +315,7 @@ bool march_hexahedron_without_hits(PartVertices& vertices, const Cube& cube, dou
 // decimation of marching cubes surfaces", IEEE Visualization 1996, which moves the finer side
 // instead.
 
-/// Node positions are x + 3 y + 9 z, in half edges.
+/// A node's position is x + 3 y + 9 z, with coordinates in units of half an edge.
 struct HexCell {
     Int3 low;               ///< node of the finest lattice
     std::int64_t edge = 1;  ///< length, in the finest lattice

@@ -32,8 +32,8 @@ class NodeSampler {
           top_(layout_->lattice().top()) {}
 
     /// Until leave(), most nodes are near the chunk of `level` that contains this node of the
-    /// finest lattice. That chunk is decoded as a whole and kept in addition to the last other
-    /// chunk, for which its sides may be sufficient.
+    /// finest lattice. That chunk is decoded as a whole and kept, besides the most recently used
+    /// other chunk, of which perhaps only the sides are decoded.
     void enter(int level, const Int3& node);
     /// Releases all chunks.
     void leave();

@@ -17,9 +17,10 @@ namespace isonest::detail {
 
 // One block of an object as kept by a disk cache, and the contents of its file.
 
-/// Any parts of a block of kBytes bytes. A file contains, in the machine's byte order: eight
-/// letters, XXH64 of everything after it, the block's number, the length of the object's name and
-/// the number of parts, the parts (begin and size) in order, the name, the bytes of the parts.
+/// Some of the parts (ranges of bytes) of a block of kBytes bytes. A file contains, in the
+/// machine's byte order: eight letters, XXH64 of everything after it, the block's number, the
+/// length of the object's name and the number of parts, the parts (begin and size) in order, the
+/// name, the bytes of the parts.
 class CachedBlock {
   public:
     static constexpr std::size_t kBytes = std::size_t{64} << 10U;

@@ -33,8 +33,8 @@ std::string why_no_place(const Int3& nodes, const Double3& spacing, const Double
             static_cast<float>(last) == static_cast<float>(origin[a])) {
             const auto at = static_cast<float>(reach);
             return fmt::format(
-                "{}: all {} coordinates of {} are equal as 32-bit floats, which are {:.3g} apart "
-                "there; use a larger spacing or an origin near 0",
+                "{}: all {} coordinates of {} round to the same 32-bit float (floats there are "
+                "{:.3g} apart); use a larger spacing or an origin near 0",
                 given, nodes[axis], "xyz"[axis], at - std::nextafter(at, 0.0F));
         }
     }

@@ -16,7 +16,7 @@
 namespace isonest::detail {
 
 void require_heap_to_open_hdf5() {
-    // Measured: 2.4 MB if nothing of HDF5 is in memory yet.
+    // Measured: 2.4 MB if no part of HDF5 has been loaded yet.
     require_free_heap(std::size_t{4} << 20U);
 }
 

@@ -155,7 +155,7 @@ class Bytes(Case):
         self.assertLess(said["triangles"], said["full_triangles"])
         self.assertGreater(said["area"], 0)
         text = self.works("extract", path, "--iso", "1000", "-o", self.mesh)
-        self.assertIn("every value is below 1000; they are ", text)
+        self.assertIn("every value is below 1000; values are ", text)
         self.assertNotIn(" chunks", text)  # of a store
 
 

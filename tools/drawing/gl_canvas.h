@@ -69,7 +69,7 @@ struct Half {
     double y = 1;
     double middle_x = 0;  ///< of the picture
 };
-/// `right`: pixels at the right side that are left free.
+/// `right`: number of pixels to leave free on the right.
 Half half_of(const PictureCamera& camera, int width, int height, double right);
 
 /// An OpenGL context with its own pixel buffer, for some rows of the picture. Thread-safety: one

@@ -313,7 +313,8 @@ void link_store(const SiteStore& store, const std::filesystem::path& to) {
     throw Error(
         ErrorKind::io, {store.file.string()},
         error == EXDEV
-            ? std::string("is on another file system than the site, so it cannot be hard-linked")
+            ? std::string(
+                  "is on a different file system from the site, so it cannot be hard-linked")
             : fmt::format("cannot be linked: {}", std::strerror(error)),
         {{RemedyKind::leave_out, "hard-link"}});
 }

@@ -141,8 +141,8 @@ std::optional<Camera> parse_camera(RequestTarget& target) {
     const double pixels = (*v)[5];
     if (!(fov > 0 && fov < 180) || !(height >= 1 && height <= kMaxHeight) || !(pixels > 0)) {
         fail(
-            "camera: give an angle between 0 and 180 degrees, a height of 1 to 100000 pixels, and "
-            "pixels above 0");
+            "camera: the angle must be between 0 and 180 degrees, the height from 1 to 100000 "
+            "pixels, and the error in pixels above 0");
     }
     return Camera{{(*v)[0], (*v)[1], (*v)[2]}, fov, static_cast<int>(height), pixels};
 }

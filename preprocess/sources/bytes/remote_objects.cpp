@@ -98,12 +98,11 @@ std::string last_part_of(std::string_view url) {
 
 std::string url_beside(std::string_view url, std::string_view name, const std::string& shown) {
     if (!stays_below(name)) {
-        throw Error(
-            ErrorKind::unsupported, {shown},
-            fmt::format(
-                "the data are in '{:.200}'; at a URL, they must be in the same folder or below it",
-                name),
-            {{RemedyKind::download}});
+        throw Error(ErrorKind::unsupported, {shown},
+                    fmt::format("the data are in '{:.200}'; at a URL, they must be in the header's "
+                                "folder or a subfolder",
+                                name),
+                    {{RemedyKind::download}});
     }
     const std::size_t host = url.find("://") + 3;
     const bool has_key = is_s3(url);

@@ -122,7 +122,7 @@ class Parser {
         const auto found = nrrd_type(type);
         if (!found) {
             fields_.unsupported(fmt::format(
-                "type '{}' is not supported; integers of 8 to 64 bits, float and double are",
+                "type '{}' is not supported; use an integer of 8 to 64 bits, float or double",
                 type));
         }
         header.layout.type = found->type;

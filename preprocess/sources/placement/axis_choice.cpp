@@ -254,7 +254,7 @@ ArrayPlace place_in_array(std::span<const ArrayAxis> axes, std::span<const AxisI
     for (const ArrayAxis& axis : axes) {
         if (axis.length < 1 || static_cast<std::uint64_t>(axis.length) > kMax / place.whole) {
             throw Error(ErrorKind::corrupt, {name},
-                        fmt::format("an array cannot have [{}] values", text_of(axes)));
+                        fmt::format("an array cannot have the shape [{}]", text_of(axes)));
         }
         place.whole *= static_cast<std::uint64_t>(axis.length);
     }

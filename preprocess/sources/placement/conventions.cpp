@@ -202,7 +202,8 @@ std::string text_of(const MincRange& range, const SliceScaling& scaling, ValueTy
     const char* const from = range.most.empty() && range.least.empty()
                                  ? "0 to 1, because there is no image-min and image-max"
                                  : "image-min to image-max";
-    return fmt::format("stored {} to {} are scaled to {}", scaling.least, scaling.most, from);
+    return fmt::format("stored values {} to {} are scaled to {}", scaling.least, scaling.most,
+                       from);
 }
 
 }  // namespace isonest::detail

@@ -43,7 +43,7 @@ struct PlacedArray {
     /// The caller gives a spacing: sheared or invalid steps are ignored.
     bool spacing_is_given = false;
     /// The user gives the spacing: only the place of the first sample is taken from the steps, and
-    /// a note says what is lost of them.
+    /// a note says which of their information is ignored.
     bool own_spacing = false;
 };
 

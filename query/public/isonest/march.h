@@ -77,7 +77,7 @@ ExtractReport extract(VolumeSource& volume, const SurfaceQuery& query, MeshSink&
 /// converted to a store because march_hexahedra() would reject it.
 std::optional<std::uint64_t> march_memory(VolumeSource& volume);
 /// The same for extract(), which also accepts volumes that are not aligned with the world's axes.
-/// Nothing also if the query needs a store, that is, if extract() would reject it with
+/// Also returns nothing if the query needs a store, that is, if extract() would reject it with
 /// RemedyKind::make_store. Stages may need more, as for a store's surface. Reads no data.
 std::optional<std::uint64_t> march_memory(VolumeSource& volume, const SurfaceQuery& query);
 

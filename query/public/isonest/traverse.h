@@ -275,8 +275,8 @@ struct Everywhere {
 struct MayHoldIsovalue {
     double iso = 0;
     Field bound = Field::deviation_bar;  ///< REQUIRES: is_bound(bound)
-    /// The bound is the field times this, times the edge of the element's cube, in nodes; 0: it is
-    /// the field.
+    /// The bound is the field times this factor times the edge of the element's cube (in nodes). 0:
+    /// the field itself is the bound.
     double by_edge = 0;
 
     template <int D>

@@ -296,7 +296,7 @@ class Reader {
             if (field && *field != Field::values && header.unknown_fields.empty()) {
                 if (!header.fields.empty() && is_own(header.fields.back()) &&
                     !precedes(header.fields.back(), *field)) {
-                    damaged("damaged: its own indicators are not in their order");
+                    damaged("damaged: the own indicators are not sorted");
                 }
                 header.fields.push_back(*field);
             } else if (!field && out_.version > kNewest) {

@@ -41,7 +41,7 @@ enum class RemedyKind : std::uint8_t {
     state_missing,        ///< SourceOptions::missing as in preprocessing
     newer_version,        ///< a newer isonest
     correct_numbers,      ///< SourceOptions contradict the file: `value` names the options
-    leave_out,            ///< omit the option of SourceOptions that `value` names
+    leave_out,            ///< omit the option that `value` names
     other_name,           ///< another name for the output
     free_space,           ///< free some space, or write to another folder
     good_copy,            ///< use an undamaged copy of the file

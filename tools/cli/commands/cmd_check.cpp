@@ -124,7 +124,7 @@ Result run(CheckArguments& a, Progress& progress) {
     }
     const std::vector<std::string>& unknown = store.layout().header().unknown_fields;
     if (!unknown.empty()) {
-        result.warning = fmt::format("{}: of the newer format version {}; not checked: {}", path,
+        result.warning = fmt::format("{}: uses the newer format version {}; not checked: {}", path,
                                      store.version().text(), fmt::join(unknown, ", "));
     }
     const std::uint64_t all = stored_chunks(store.layout());

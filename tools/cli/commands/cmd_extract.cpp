@@ -115,7 +115,7 @@ Result extract_store(const Store& store, ExtractCommand arguments, const Store* 
     if (labels.keep_nodes && (!labels.smooth || !arguments.distance.stop())) {
         throw Error(ErrorKind::invalid_argument,
                     "--keep-nodes needs --smooth with --distance or --triangles: without "
-                    "simplification all nodes stay on their sides");
+                    "simplification, every node stays on its side anyway");
     }
     const Int3 nodes = store.nodes();
     if (a.options.quality && !a.is_graph && std::min({nodes.x, nodes.y, nodes.z}) == 1) {

@@ -21,7 +21,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-/// "The surface is empty: every value is below 300; they are 0 to 255."
+/// "The surface is empty: every value is below 300; values are 0 to 255."
 std::string range_of_empty(VolumeSource& volume, double iso, const ExtractOptions& options,
                            Progress& progress) {
     constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
@@ -30,7 +30,7 @@ std::string range_of_empty(VolumeSource& volume, double iso, const ExtractOption
     if (!(low <= high)) {
         return "The surface is empty: all values are missing.\n";
     }
-    return fmt::format("The surface is empty: {}; they are {}.\n",
+    return fmt::format("The surface is empty: {}; values are {}.\n",
                        iso <= low ? fmt::format("no value is below {}", iso)
                        : high < iso
                            ? fmt::format("every value is below {}", iso)
@@ -143,7 +143,7 @@ std::string empty_surface(const Store& store, const ExtractCommand& arguments,
     const bool some_below = store.min_value() < iso || arguments.close == Outside::below;
     const bool some_above = iso <= store.max_value() || arguments.close == Outside::above;
     if (!a.is_graph && !(some_below && some_above)) {
-        return fmt::format("The surface is empty: {} value is below {}; they are {}.\n",
+        return fmt::format("The surface is empty: {} value is below {}; values are {}.\n",
                            iso <= store.min_value() ? "no" : "every", iso, range);
     }
     if (a.box && !reaches_volume(store, *a.box)) {

@@ -76,7 +76,7 @@ constexpr OptionRow kOptions[] = {
     {"study", "--steps", kHowClose, "N", "number of thresholds [25]", "steps: int"},
     {"", "--least", kHowClose, "T", "the smallest threshold [1e-4]", "least: float"},
     {"", "--quick", kWhat, "", "takes seconds: chunk table, a sample of checksums", "quick: bool"},
-    {"", "--deep", kWhat, "", "everything: also HDF5's own index of the chunks", "deep: bool"},
+    {"", "--deep", kWhat, "", "everything, also HDF5's own chunk index", "deep: bool"},
     {"", "--source", kWhat, "INPUT", "the volume that the store was made from", "source: Any"},
     {"make-volume", "--size", kWhat, "N|X,Y[,Z]", "nodes per axis", kNumpyMakes},
     {"make-volume", "--type", kWhat, "T", "value type; integers use its whole range [float32]", kNumpyMakes},

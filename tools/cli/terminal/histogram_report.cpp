@@ -53,7 +53,7 @@ std::string cubes_of(const Histogram& h) {
     }
     if (!h.cube_level) {
         return fmt::format(
-            "{}: not counted, because the store has no ranges of cubes; --level 0 counts them\n",
+            "{}: not counted, because the store has no ranges of cubes; use --level 0 to count\n",
             cubes_name(h));
     }
     if (*h.cube_level == 0) {

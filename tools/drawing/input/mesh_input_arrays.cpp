@@ -220,8 +220,8 @@ void read_vtp(const std::filesystem::path& path, PlyScratch& to, Progress& progr
                                 bytes.size());
     const auto refuse = [&] {
         throw Error(ErrorKind::unsupported, {path.string()},
-                    "only .vtp files with binary arrays, or raw appended ones, can be read: with "
-                    "64-bit headers, little endian, not compressed");
+                    "unsupported .vtp file: its arrays must be binary or raw appended, "
+                    "uncompressed, little-endian, with 64-bit headers");
     };
     std::optional<Numbers> points;
     std::optional<Numbers> value;
