@@ -316,7 +316,7 @@ class Volumes(unittest.TestCase):
                          "./a.raw", "//host/a.raw"):
                 write("below/bad.nhdr", head, name, "\n")
                 before = server.requests
-                self.preprocess_fails(5, "same folder", server.url("below/bad.nhdr", f"me:{SECRET}@"))
+                self.preprocess_fails(5, "subfolder", server.url("below/bad.nhdr", f"me:{SECRET}@"))
                 self.assertLessEqual(server.requests - before, 3)
             self.assertEqual(other.requests, 0)
             write("below/bad.nhdr", head, "not there.raw\n")

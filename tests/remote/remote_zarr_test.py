@@ -443,7 +443,7 @@ class Resume(Case):
             (self.path / "zarr.json").write_text((self.path / "zarr.json").read_text())
             again = run("preprocess", server.url("v.zarr"), "-o", "remote.isonest", "--chunk", "8", "--resume")
             self.assertEqual(again.returncode, 2, again.stderr)
-            self.assertIn("another input", again.stderr)
+            self.assertIn("the interrupted run", again.stderr)
 
     def test_only_what_is_left_is_fetched(self):
         V3(self.path, smooth((96, 40, 40)), (8, 16, 16), codecs=("zstd",))

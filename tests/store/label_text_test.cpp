@@ -137,7 +137,7 @@ TEST_CASE("a run is resumed only with the same names") {
           {}}) {
         const auto source = named(others);
         CHECK_THROWS_WITH(preprocess(*source, folder / "s", options),
-                          Catch::Contains("another input or other options"));
+                          Catch::Contains("the interrupted run"));
     }
     const PreprocessReport report = preprocess(*named(names), folder / "s", options);
     CHECK(report.resumed_chunks > 0);
