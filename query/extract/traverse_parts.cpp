@@ -8,7 +8,9 @@
 #include <atomic>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <mutex>
+#include <vector>
 
 #include <isonest/error.h>
 #include <isonest/traverse.h>
@@ -16,6 +18,7 @@
 #include "query/extract/query_checks.h"
 #include "query/traverse/each_leaf.h"
 #include "query/traverse/remote/look_ahead.h"
+#include "query/values/node_fields.h"
 #include "query/values/node_sampler.h"
 #include "store/base/in_order.h"
 #include "store/base/memory.h"
@@ -74,9 +77,31 @@ StopBelow stop_below(const Store& store, const StopTest& test) {
 
 namespace detail {
 
-/// The fields that tests have asked for so far: bits.
-using AskedFields = std::atomic<std::uint64_t>;
-static_assert(kFieldCount <= 64);
+/// The fields of a store that tests have asked for so far. Thread-safe.
+class AskedFields {
+  public:
+    explicit AskedFields(const std::vector<Field>& fields)
+        : fields_(fields), asked_(fields.size()) {}
+
+    /// REQUIRES: the store has the field.
+    void add(Field field) {
+        const auto found = std::find(fields_.begin(), fields_.end(), field);
+        asked_[static_cast<std::size_t>(found - fields_.begin())] = true;
+    }
+    /// Calls f(field) for each.
+    template <class F>
+    void for_each(const F& f) const {
+        for (std::size_t i = 0; i < fields_.size(); ++i) {
+            if (asked_[i]) {
+                f(fields_[i]);
+            }
+        }
+    }
+
+  private:
+    const std::vector<Field>& fields_;
+    std::vector<std::atomic<bool>> asked_;
+};
 
 class StoreNodeReader {
   public:
@@ -116,13 +141,8 @@ class StoreNodeReader {
     };
 
     Slot& take(Field field) {
-        if (field == Field::values || is_of_cells(field)) {
-            throw Error(
-                ErrorKind::invalid_argument, {store_.path().string()},
-                fmt::format("{} is not an indicator with a number per node", name_of(field)));
-        }
-        require_field(store_, field, "the test of a traversal");
-        asked_ |= std::uint64_t{1} << static_cast<unsigned>(field);
+        require_field_of_nodes(store_, field);
+        asked_.add(field);
         Slot& slot = slots_.at(next_);
         next_ = (next_ + 1) % slots_.size();
         slot.field = field;
@@ -204,20 +224,17 @@ Budget share_memory(const StoreReader& store, const TraverseOptions& options,
     constexpr std::uint64_t kLists = 4U << 20U;
     std::uint64_t values = 0;
     std::uint64_t finest = 0;
-    std::array<std::uint64_t, kFieldCount> of_field{};
-    std::uint64_t largest = 0;
+    std::map<Field, std::uint64_t> of_field;
+    std::uint64_t most_of_field = 0;
     for (const ArrayInfo& array : layout.arrays()) {
-        largest = std::max<std::uint64_t>(largest, array.chunk_bytes());
         if (array.field == Field::values) {
             values += array.chunk_bytes();
             finest = array.level == 0 ? array.chunk_bytes() : finest;
         } else {
-            of_field.at(static_cast<std::size_t>(array.field)) += array.chunk_bytes();
+            most_of_field = std::max(most_of_field, of_field[array.field] += array.chunk_bytes());
         }
     }
-    const std::uint64_t held =
-        values +
-        StoreNodes::kFields * (finest + *std::max_element(of_field.begin(), of_field.end()));
+    const std::uint64_t held = values + StoreNodes::kFields * (finest + most_of_field);
     const std::uint64_t each = held + finest + decode_heap(largest_chunk_bytes(layout)) + kLists +
                                2 * part_heap.value_or(0);
     const MemoryShare memory(store.path().string(), options.memory,
@@ -239,6 +256,7 @@ class PartsRun {
           visitor_(visitor),
           region_(region),
           cache_(store, budget.cache),
+          asked_(store.layout().header().fields),
           nodes_([this] { return make_nodes(); }),
           tokens_(budget.threads + 1),
           is_remote_(store.is_remote()),
@@ -335,30 +353,21 @@ class PartsRun {
                 for (const Element<D>& t : cube) {
                     visitor_.look(*nodes, region_, t, walk.level, left);
                 }
-                const std::uint64_t asked = asked_;
                 for (const Element<D>& t : left) {
                     if (t.level > 0 && region_.overlap(t) != Overlap::outside) {
-                        want_element(layout, t, asked, wants);
+                        want_values(layout, t, wants);
+                        asked_.for_each([&](Field field) { want_field(layout, t, field, wants); });
                     }
                 }
             };
         });
-    }
-    static void want_element(const StoreLayout& layout, const Element<D>& t, std::uint64_t asked,
-                             Wants& wants) {
-        want_values(layout, t, wants);
-        for (const Field field : layout.header().fields) {
-            if ((asked >> static_cast<unsigned>(field) & 1U) != 0) {
-                want_field(layout, t, field, wants);
-            }
-        }
     }
 
     const StoreReader& store_;
     const PartVisitor<D>& visitor_;
     LatticeRegion region_;
     ChunkCache cache_;
-    AskedFields asked_{0};
+    AskedFields asked_;
     tbb::enumerable_thread_specific<StoreNodes> nodes_;
     int tokens_;
     bool is_remote_;

@@ -54,7 +54,6 @@ const std::byte* NodeSampler::element(Recent& recent, const Int3& node, int comp
     Recent& from = home ? home_ : recent;
     const std::byte* at = chunk == from.chunk ? cache_->find(array, from.part, p) : nullptr;
     if (at == nullptr) {
-        from.part = {};
         const bool whole = home || !home_level_;
         from = {};
         from.array = &array;

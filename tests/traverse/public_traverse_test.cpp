@@ -7,6 +7,7 @@
 #include <mutex>
 
 #include <isonest/error.h>
+#include <isonest/own_indicator.h>
 #include <isonest/traverse.h>
 
 #include "query/values/node_sampler.h"
@@ -475,6 +476,35 @@ TEST_CASE("errors of the caller's functions and a cancellation end a traversal")
                 CHECK(error.kind() == ErrorKind::cancelled);
             }
         }
+    }
+}
+
+TEST_CASE("an own indicator stops a traversal as the built-in one with its formula does") {
+    // Fields of own indicators have numbers that grow with the names that a process meets.
+    for (int i = 0; i < 40; ++i) {
+        own_field("other" + std::to_string(i), Saturation::bar);
+    }
+    const TemporaryFolder folder;
+    FunctionVolume<float> volume({17, 20, 12},
+                                 [](const Int3& p) { return static_cast<float>(noise(p)); });
+    PreprocessOptions options = with_chunk(8);
+    options.exact = true;
+    options.own = {
+        own_indicator("offset", [](const RefinementNode& x) { return std::fabs(x.offset()); })};
+    make_store(volume, folder / "s", options);
+    const Store store(folder / "s");
+    for (const Saturation saturation : {Saturation::bar, Saturation::plus}) {
+        const auto leaves = [&](Field field) {
+            std::vector<Found> all;
+            // Not near a number: those of linf on level 1 are computed, not rounded up.
+            for_each_leaf<3>(store, StopBelow{field, 0.37},
+                             in_order<3>([&](const Element<3>& t) { all.push_back(found(t)); }));
+            return all;
+        };
+        const std::vector<Found> expected = leaves(field_of(Indicator::linf, saturation));
+        CHECK(expected.size() > 1000);
+        const bool same = leaves(own_field("offset", saturation)) == expected;
+        CHECK(same);
     }
 }
 
