@@ -8,6 +8,8 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/zarr/zarr_files.h"
+
 namespace isonest::detail {
 
 AxisMap::AxisMap(std::size_t axes) : axes_(axes), numbers_(axes * (axes + 1)) {
@@ -33,20 +35,6 @@ AxisMap AxisMap::then(const AxisMap& next) const {
 namespace {
 
 using nlohmann::json;
-
-/// Null if there is no such member.
-const json& member(const json& object, const char* key) {
-    static const json null;
-    const auto it = object.is_object() ? object.find(key) : object.end();
-    return object.is_object() && it != object.end() ? *it : null;
-}
-
-/// Empty if it is not a list.
-const json& entries(const json& object, const char* key) {
-    static const json none = json::array();
-    const json& list = member(object, key);
-    return list.is_array() ? list : none;
-}
 
 std::string text_of(const json& text) {
     return text.is_string() ? text.get<std::string>() : std::string();

@@ -51,15 +51,6 @@ class Description {
     [[noreturn]] void unsupported(const std::string& what) const {
         throw Error(ErrorKind::unsupported, {array_.description.string()}, what);
     }
-    /// Null if there is no such member.
-    static const json& member(const json& object, const char* key) {
-        static const json null;
-        if (!object.is_object()) {
-            return null;
-        }
-        const auto it = object.find(key);
-        return it == object.end() ? null : *it;
-    }
     [[nodiscard]] Lengths lengths(const json& list, const char* what) const {
         Lengths all;
         if (!list.is_array() || list.size() > kMaxAxes) {

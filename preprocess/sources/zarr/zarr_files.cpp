@@ -18,6 +18,18 @@
 #include "preprocess/sources/bytes/stream_bytes.h"
 
 namespace isonest::detail {
+
+const nlohmann::json& member(const nlohmann::json& object, const char* key) {
+    static const nlohmann::json null;
+    const auto it = object.is_object() ? object.find(key) : object.end();
+    return object.is_object() && it != object.end() ? *it : null;
+}
+
+const nlohmann::json& entries(const nlohmann::json& object, const char* key) {
+    static const nlohmann::json none = nlohmann::json::array();
+    const nlohmann::json& list = member(object, key);
+    return list.is_array() ? list : none;
+}
 namespace {
 
 namespace fs = std::filesystem;

@@ -19,6 +19,13 @@
 
 namespace isonest::detail {
 
+// Metadata, of which any member may be missing or of another type.
+
+/// Null if there is no such member.
+const nlohmann::json& member(const nlohmann::json& object, const char* key);
+/// Empty if there is no such member, or it is not a list.
+const nlohmann::json& entries(const nlohmann::json& object, const char* key);
+
 /// The name of a chunk in messages, and its size.
 struct ZarrChunkPlace {
     const std::string& name;  ///< of the array

@@ -296,7 +296,7 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
             static_cast<double>(chosen.nodes.z) >
         1e18) {
         throw Error(ErrorKind::corrupt, {name},
-                    fmt::format("an array cannot have [{}] values", text_of(image.axes)));
+                    fmt::format("an array cannot have the shape [{}]", text_of(image.axes)));
     }
     const Scaling scaling = scaling_of(image.array, name);
     std::vector<std::string> notes;

@@ -21,16 +21,6 @@ namespace {
 
 using nlohmann::json;
 
-/// Empty if there is no such member, or it is not a list.
-const json& entries(const json& image_label, const char* key) {
-    static const json none = json::array();
-    if (!image_label.is_object()) {
-        return none;
-    }
-    const auto it = image_label.find(key);
-    return it != image_label.end() && it->is_array() ? *it : none;
-}
-
 /// Its "label-value", if that is an integer.
 std::optional<std::int64_t> label_value(const json& entry) {
     const auto it = entry.is_object() ? entry.find("label-value") : entry.end();
@@ -100,13 +90,6 @@ FoundLabels labels_of_ome(const json& image_label) {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// Null if there is no such member.
-const json& member(const json& object, const char* key) {
-    static const json null;
-    const auto it = object.is_object() ? object.find(key) : object.end();
-    return object.is_object() && it != object.end() ? *it : null;
-}
 
 /// OME's list of images in a group; null if it has none.
 const json& multiscales(const json& attributes) {
