@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cmath>
 #include <cstring>
 #include <memory>
@@ -15,6 +14,7 @@
 
 #include "store/base/label_text.h"
 #include "store/base/vectors.h"
+#include "store/files/output_file.h"
 
 namespace isonest::detail {
 namespace {
@@ -383,9 +383,7 @@ std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
         throw Error(ErrorKind::invalid_argument, {path.string()},
                     "the title of the mesh is not valid UTF-8, or has control characters");
     }
-    std::string end = path.extension().string();
-    std::transform(end.begin(), end.end(), end.begin(),
-                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    const std::string end = detail::lower_extension(path);
     for (const Format& format : kFormats) {
         if (format.extension == end) {
             if (options.shift != Double3{} && end != ".ngmesh") {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <string>
 #include <unordered_map>
 #include <utility>
@@ -351,9 +350,7 @@ class GridFile::Writer {
 
 GridFile::GridFile(const std::filesystem::path& path, const Store& store,
                    const GridFileOptions& options) {
-    std::string extension = path.extension().string();
-    std::transform(extension.begin(), extension.end(), extension.begin(),
-                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    const std::string extension = detail::lower_extension(path);
     if (extension != ".vtu") {
         throw Error(ErrorKind::invalid_argument, {path.string()},
                     "grids are written as .vtu files only", {{RemedyKind::other_format, ".vtu"}});

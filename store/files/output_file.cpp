@@ -5,6 +5,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <cctype>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
@@ -142,6 +144,13 @@ std::filesystem::path temporary_prefix(const std::filesystem::path& path) {
     const bool is_temporary = name.starts_with('.') && name.find(kMark) != std::string::npos;
     return folder_of(path) / fmt::format("{}{}{}", is_temporary ? "" : ".",
                                          is_temporary ? name : shortened(name), kMark);
+}
+
+std::string lower_extension(const std::filesystem::path& path) {
+    std::string extension = path.extension().string();
+    std::transform(extension.begin(), extension.end(), extension.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    return extension;
 }
 
 std::filesystem::path temporary_name(const std::filesystem::path& path) {

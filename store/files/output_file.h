@@ -39,6 +39,9 @@ std::filesystem::path temporary_prefix(const std::filesystem::path& path);
 /// An unused temporary name for this process: with the process id, or that and "-2", "-3", ...
 std::filesystem::path temporary_name(const std::filesystem::path& path);
 
+/// ".vtp" of "mesh.VTP": the extension in lower case.
+std::string lower_extension(const std::filesystem::path& path);
+
 /// Checks what an output may replace, before any work: nothing, or with `force` a regular file that
 /// is not one of `inputs` (all the files that are read). Folders, links (including dangling ones),
 /// devices, FIFOs and sockets are never replaced, and no link is followed. Throws

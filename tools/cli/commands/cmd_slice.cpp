@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <filesystem>
 #include <memory>
 #include <vector>
@@ -16,6 +15,7 @@
 #include "query/extract/extract_query.h"
 #include "store/container/format.h"
 #include "store/container/reader.h"
+#include "store/files/output_file.h"
 #include "tools/cli/commands/input_store.h"
 #include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/units.h"
@@ -178,9 +178,7 @@ void require_png(const std::string& name) {
     constexpr std::array kPictures{".jpg",  ".jpeg", ".gif", ".bmp", ".tif",
                                    ".tiff", ".webp", ".svg", ".pdf"};
     std::filesystem::path path(name);
-    std::string end = path.extension().string();
-    std::transform(end.begin(), end.end(), end.begin(),
-                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    const std::string end = lower_extension(path);
     if (std::find(kPictures.begin(), kPictures.end(), end) != kPictures.end()) {
         throw Error(ErrorKind::invalid_argument, {name},
                     fmt::format("pictures are written as .png: give -o {}",

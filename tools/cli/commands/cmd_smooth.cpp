@@ -287,9 +287,7 @@ void write_grid(const std::filesystem::path& path, const SmoothedPlace& place, c
 
 void check_smoothed(const std::filesystem::path& path, const SmoothedPlace& place,
                     const std::vector<std::filesystem::path>& inputs) {
-    std::string ending = path.extension().string();
-    std::transform(ending.begin(), ending.end(), ending.begin(),
-                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    const std::string ending = lower_extension(path);
     const bool plane = place.lattice.dimension() == 2;
     if (ending == ".png" && !plane) {
         throw Error(ErrorKind::invalid_argument, {path.string()},

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <filesystem>
 #include <limits>
@@ -11,6 +10,7 @@
 
 #include <isonest/error.h>
 
+#include "store/files/output_file.h"
 #include "tools/cli/options/units.h"
 
 namespace isonest::detail::cli {
@@ -170,9 +170,7 @@ bool is_own_name(const std::string& mesh) {
 }
 
 void require_place_for_isovalue(const std::string& mesh) {
-    std::string end = std::filesystem::path(mesh).extension().string();
-    std::transform(end.begin(), end.end(), end.begin(),
-                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    const std::string end = lower_extension(mesh);
     if (end != ".ply" && end != ".vtp" && end != ".vtkhdf") {
         throw Error(ErrorKind::invalid_argument, {mesh},
                     "several isovalues in one file need .ply, .vtp or .vtkhdf; for a file each, "

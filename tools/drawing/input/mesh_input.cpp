@@ -4,7 +4,6 @@
 #include <zlib.h>
 
 #include <algorithm>
-#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <filesystem>
@@ -20,6 +19,7 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/packed_block.h"
+#include "store/files/output_file.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -39,9 +39,7 @@ constexpr std::array<Format, 7> kFormats{{{".stl", read_stl},
                                           {".ngmesh", read_ngmesh}}};
 
 const Format* format_of(const std::filesystem::path& path) {
-    std::string end = path.extension().string();
-    std::transform(end.begin(), end.end(), end.begin(),
-                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    const std::string end = lower_extension(path);
     const auto* const found = std::find_if(kFormats.begin(), kFormats.end(),
                                            [&](const Format& f) { return end == f.extension; });
     return found == kFormats.end() ? nullptr : found;
