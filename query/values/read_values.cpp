@@ -193,8 +193,6 @@ void want_indicators(const StoreLayout& layout, Field field, int level, const No
 
 // Values between nodes.
 
-/// Source of the order of the axes: Maubach (1995), as in store/lattice/lattice.h: an element walks
-/// along the axes from the all-even corner of its cube to the all-odd one.
 class Interpolation {
   public:
     Interpolation(const StoreLayout& layout, const SampleOptions& options)
@@ -238,31 +236,9 @@ class Interpolation {
 
   private:
     [[nodiscard]] double linear(NodeSampler& nodes, const Place& place) const {
-        Int3 corner = place.cell;
-        std::array<double, 3> along{};  // from the all-even corner
-        std::array<int, 3> axes{0, 1, 2};
-        for (std::size_t a = 0; a < 3; ++a) {
-            const int axis = static_cast<int>(a);
-            const bool is_odd = (place.cell[axis] & 1) != 0;
-            along[a] = is_odd ? 1 - place.in_cell[a] : place.in_cell[a];
-            corner[axis] += is_odd ? 1 : 0;
-        }
-        std::stable_sort(axes.begin(), axes.end(), [&](int a, int b) {
-            return along[static_cast<std::size_t>(a)] > along[static_cast<std::size_t>(b)];
+        return linear_value(place.cell, place.in_cell, [&](const Int3& node) {
+            return nodes.value(node * (std::int64_t{1} << level_), level_);
         });
-        double sum = 0;
-        double before = 1;
-        for (std::size_t i = 0; i <= axes.size(); ++i) {
-            const double next = i < axes.size() ? along[static_cast<std::size_t>(axes[i])] : 0;
-            if (before > next) {
-                sum += (before - next) * nodes.value(corner * (std::int64_t{1} << level_), level_);
-            }
-            if (i < axes.size()) {
-                corner[axes[i]] += (place.cell[axes[i]] & 1) != 0 ? -1 : 1;
-            }
-            before = next;
-        }
-        return sum;
     }
 
     [[nodiscard]] double trilinear(NodeSampler& nodes, const Place& place) const {

@@ -18,6 +18,7 @@
 
 #include "query/statistics/find_labels.h"
 #include "query/values/label_view.h"
+#include "query/values/node_fields.h"
 #include "store/base/memory.h"
 #include "store/base/vectors.h"
 #include "store/container/chunk_cache.h"
@@ -121,10 +122,7 @@ std::optional<FirstLevels> fetch_first_levels(const StoreReader& store) {
     return first;
 }
 
-// A cube of the finest level is divided into six tetrahedra around the diagonal from the corner
-// with even coordinates to the one with odd coordinates (Kuhn 1960; method of Maubach 1995). In
-// coordinates relative to the even corner, the tetrahedron of a point is a walk along the axes in
-// the order of the point's coordinates, largest first.
+// The value at a point.
 
 namespace {
 
@@ -161,36 +159,17 @@ std::optional<double> finite(double value) {
     return std::isfinite(value) ? std::optional(value) : std::nullopt;
 }
 
-double linear_value(Nodes& nodes, const Int3& last, const Double3& place) {
-    Int3 node{};     // the even corner, then along the walk
-    Int3 step{};     // to the odd corner
-    Double3 part{};  // fraction of that step
+/// `last`: the last node along each axis; `place`: from 0 to there.
+double value_between(Nodes& nodes, const Int3& last, const Double3& place) {
+    Int3 cell{};
+    Double3 in_cell{};
     for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
-        const auto cell = std::clamp<std::int64_t>(static_cast<std::int64_t>(std::floor(place[a])),
-                                                   0, std::max<std::int64_t>(last[axis] - 1, 0));
-        const bool even = cell % 2 == 0;
-        const double along = last[axis] == 0 ? 0 : place[a] - static_cast<double>(cell);
-        node[axis] = even || last[axis] == 0 ? cell : cell + 1;
-        step[axis] = last[axis] == 0 ? 0 : even ? 1 : -1;
-        part[a] = even ? along : 1 - along;
+        cell[axis] = std::clamp<std::int64_t>(static_cast<std::int64_t>(std::floor(place[a])), 0,
+                                              std::max<std::int64_t>(last[axis] - 1, 0));
+        in_cell[a] = place[a] - static_cast<double>(cell[axis]);
     }
-    std::array<int, 3> order{0, 1, 2};
-    std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
-        return part[static_cast<std::size_t>(a)] > part[static_cast<std::size_t>(b)];
-    });
-    double before = nodes(node);
-    double value = before;
-    for (const int axis : order) {
-        if (part[static_cast<std::size_t>(axis)] <= 0) {
-            break;  // the other corners of the tetrahedron have no weight
-        }
-        node[axis] += step[axis];
-        const double next = nodes(node);
-        value += part[static_cast<std::size_t>(axis)] * (next - before);
-        before = next;
-    }
-    return value;
+    return linear_value(cell, in_cell, [&](const Int3& node) { return nodes(node); });
 }
 
 }  // namespace
@@ -230,7 +209,7 @@ PointValue value_at(const Store& store, const Double3& world, std::uint64_t memo
         reader.prefetch_all(wanted);
     }
     Nodes nodes(reader);
-    result.value = finite(linear_value(nodes, last, place));
+    result.value = finite(value_between(nodes, last, place));
     result.node_value = finite(nodes(result.node));
     return result;
 }
