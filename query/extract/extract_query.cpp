@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <tuple>
 
 #include <isonest/error.h>
 #include <isonest/extract.h>
@@ -24,21 +25,10 @@ namespace isonest::detail {
 namespace {
 
 Focus turned(const Focus& focus, const StoreHeader& header) {
-    constexpr double kMax = std::numeric_limits<double>::infinity();
     Focus out = focus;
-    out.lo = {kMax, kMax, kMax};
-    out.hi = {-kMax, -kMax, -kMax};
-    for (unsigned corner = 0; corner < 8; ++corner) {
-        Double3 p{};
-        for (std::size_t a = 0; a < 3; ++a) {
-            p[a] = (corner >> a & 1U) != 0 ? focus.hi[a] : focus.lo[a];
-        }
-        p = unrotated_about(header.origin, header.rotation(), p);
-        for (std::size_t a = 0; a < 3; ++a) {
-            out.lo[a] = std::min(out.lo[a], p[a]);
-            out.hi[a] = std::max(out.hi[a], p[a]);
-        }
-    }
+    std::tie(out.lo, out.hi) = bounds_of_box(focus.lo, focus.hi, [&](const Double3& p) {
+        return unrotated_about(header.origin, header.rotation(), p);
+    });
     return out;
 }
 

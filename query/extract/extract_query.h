@@ -1,8 +1,11 @@
 // Queries in lattice terms: one form for all products.
 #pragma once
 
+#include <algorithm>
 #include <filesystem>
+#include <limits>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include <isonest/extract.h>
@@ -119,6 +122,25 @@ MeshPlace mesh_place(const ExtractQuery& query, const Int3& nodes);
 
 /// All memory that a call may use, for a store or volume of this name.
 MemoryShare memory_of(const ExtractOptions& options, const std::string& name);
+
+/// The bounding box of a box's corners, each mapped by map(p).
+template <class Map>
+std::pair<Double3, Double3> bounds_of_box(const Double3& lo, const Double3& hi, const Map& map) {
+    constexpr double kMax = std::numeric_limits<double>::infinity();
+    std::pair<Double3, Double3> bounds{{kMax, kMax, kMax}, {-kMax, -kMax, -kMax}};
+    for (unsigned corner = 0; corner < 8; ++corner) {
+        Double3 p{};
+        for (std::size_t a = 0; a < 3; ++a) {
+            p[a] = (corner >> a & 1U) != 0 ? hi[a] : lo[a];
+        }
+        p = map(p);
+        for (std::size_t a = 0; a < 3; ++a) {
+            bounds.first[a] = std::min(bounds.first[a], p[a]);
+            bounds.second[a] = std::max(bounds.second[a], p[a]);
+        }
+    }
+    return bounds;
+}
 
 /// In world units; voxels are the smallest distances between neighbouring nodes.
 double world_distance(const StoreHeader& header, const DistanceBound& asked);

@@ -7,7 +7,6 @@
 #include <array>
 #include <atomic>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <mutex>
 #include <vector>
@@ -15,6 +14,7 @@
 #include <isonest/error.h>
 #include <isonest/traverse.h>
 
+#include "query/extract/extract_query.h"
 #include "query/extract/query_checks.h"
 #include "query/traverse/each_leaf.h"
 #include "query/traverse/remote/look_ahead.h"
@@ -182,28 +182,19 @@ LatticeRegion region_of(const StoreHeader& header, const Lattice& lattice,
     if (!box) {
         return region;
     }
-    constexpr double kInfinity = std::numeric_limits<double>::infinity();
-    Double3 low{kInfinity, kInfinity, kInfinity};
-    Double3 high{-kInfinity, -kInfinity, -kInfinity};
-    for (unsigned corner = 0; corner < 8; ++corner) {
-        Double3 p{};
-        for (std::size_t a = 0; a < 3; ++a) {
-            if (!(box->lo[a] <= box->hi[a])) {
-                throw Error(ErrorKind::invalid_argument,
-                            fmt::format("box: {} to {} along {} is empty; the low corner comes "
-                                        "first",
-                                        box->lo[a], box->hi[a], "xyz"[a]));
-            }
-            p[a] = (corner >> a & 1U) != 0 ? box->hi[a] : box->lo[a];
-        }
-        p = unrotated_about(header.origin, header.rotation(), p);
-        const Double3 steps = header.steps().steps_of(
-            {p[0] - header.origin[0], p[1] - header.origin[1], p[2] - header.origin[2]});
-        for (std::size_t a = 0; a < 3; ++a) {
-            low[a] = std::min(low[a], steps[a]);
-            high[a] = std::max(high[a], steps[a]);
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (!(box->lo[a] <= box->hi[a])) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("box: {} to {} along {} is empty; the low corner comes first",
+                                    box->lo[a], box->hi[a], "xyz"[a]));
         }
     }
+    const LatticeSteps steps = header.steps();
+    const auto [low, high] = bounds_of_box(box->lo, box->hi, [&](const Double3& world) {
+        const Double3 p = unrotated_about(header.origin, header.rotation(), world);
+        return steps.steps_of(
+            {p[0] - header.origin[0], p[1] - header.origin[1], p[2] - header.origin[2]});
+    });
     for (std::size_t a = 0; a < 3; ++a) {
         region.lo[a] = std::max(region.lo[a], low[a]);
         region.hi[a] = std::min(region.hi[a], high[a]);
