@@ -71,6 +71,18 @@ GridBlocks find_blocks(const Lattice& lattice, const NodeSet& nodes) {
     return blocks;
 }
 
+/// What the blocks of a grid have in common; without functions and terms.
+template <class Real, int D>
+BlockCommon<Real, D> block_common(const Lattice& lattice, const NodeSet& nodes, int block_level) {
+    BlockCommon<Real, D> common;
+    common.nodes = &nodes;
+    common.level = block_level;
+    common.cells = std::int64_t{1} << block_level;
+    common.flat = lattice.flat_axes();
+    common.walks = axis_orders<D>(lattice);
+    return common;
+}
+
 /// Calls act.template operator()<Kind>(leaf) for each leaf that is larger than a block, in a fixed
 /// order.
 template <int D, class Action>

@@ -108,15 +108,10 @@ void GridOperator<Real>::add_coarse(const Input& input) {
 template <class Real>
 template <int D>
 BlockCommon<Real, D> GridOperator<Real>::common(const Input& input) const {
-    BlockCommon<Real, D> common;
-    common.nodes = &nodes_;
+    auto common = block_common<Real, D>(lattice_, nodes_, blocks_.level);
     common.value = input.value;
     common.stopping = input.stopping;
     common.terms = terms_of<Real, D>(lattice_, spacing_, input.scale, input.lambda);
-    common.level = blocks_.level;
-    common.cells = std::int64_t{1} << blocks_.level;
-    common.flat = lattice_.flat_axes();
-    common.walks = axis_orders<D>(lattice_);
     return common;
 }
 

@@ -14,6 +14,7 @@
 #include "query/finite_elements/grid_parts.h"
 #include "query/finite_elements/linear_element.h"
 #include "query/finite_elements/nonlinear_diffusion.h"
+#include "query/values/node_fields.h"
 #include "store/container/reader.h"
 
 namespace isonest {
@@ -331,10 +332,13 @@ void require_lattice(const Int3& nodes, const Double3& spacing, int dimension) {
     }
 }
 
-template <class Real>
-NodeSet nodes_of_values(const Lattice& lattice, const Double3& spacing,
-                        std::span<const Real> values, double threshold, int threads,
-                        Progress& progress) {
+/// The grid of ImplicitGrid::of_values().
+template <int D, class Real>
+std::shared_ptr<const GridParts<D>> grid_of_values(const Int3& nodes, const Double3& spacing,
+                                                   std::span<const Real> values, double threshold,
+                                                   int threads, Progress& progress) {
+    require_lattice(nodes, spacing, D);
+    const Lattice lattice(nodes);
     if (values.size() != static_cast<std::size_t>(lattice.nodes().product())) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("the lattice has {} nodes, but there are {} values",
@@ -350,7 +354,9 @@ NodeSet nodes_of_values(const Lattice& lattice, const Double3& spacing,
                         fmt::format("the value of node {} is not finite", i));
         }
     }
-    return active_nodes<Real>(lattice, spacing, values, threshold, threads, progress);
+    return std::make_shared<GridParts<D>>(
+        lattice, spacing,
+        active_nodes<Real>(lattice, spacing, values, threshold, threads, progress), threads);
 }
 
 }  // namespace
@@ -407,12 +413,8 @@ template <int D>
 ImplicitGrid<D> ImplicitGrid<D>::of_values(const Int3& nodes, const Double3& spacing,
                                            std::span<const double> values, double threshold,
                                            int threads, Progress& progress) {
-    detail::require_lattice(nodes, spacing, D);
-    const Lattice lattice(nodes);
     ImplicitGrid grid;
-    grid.parts_ = std::make_shared<GridParts<D>>(
-        lattice, spacing,
-        detail::nodes_of_values(lattice, spacing, values, threshold, threads, progress), threads);
+    grid.parts_ = detail::grid_of_values<D>(nodes, spacing, values, threshold, threads, progress);
     return grid;
 }
 
@@ -420,12 +422,8 @@ template <int D>
 ImplicitGrid<D> ImplicitGrid<D>::of_values(const Int3& nodes, const Double3& spacing,
                                            std::span<const float> values, double threshold,
                                            int threads, Progress& progress) {
-    detail::require_lattice(nodes, spacing, D);
-    const Lattice lattice(nodes);
     ImplicitGrid grid;
-    grid.parts_ = std::make_shared<GridParts<D>>(
-        lattice, spacing,
-        detail::nodes_of_values(lattice, spacing, values, threshold, threads, progress), threads);
+    grid.parts_ = detail::grid_of_values<D>(nodes, spacing, values, threshold, threads, progress);
     return grid;
 }
 
@@ -434,20 +432,12 @@ ImplicitGrid<D> ImplicitGrid<D>::of_store(const Store& store, Field field, doubl
                                           int threads, Progress& progress) {
     constexpr std::uint64_t kCache = std::uint64_t{1} << 28U;
     detail::require_lattice(store.nodes(), store.spacing(), D);
-    const ErrorPlace place{store.path().string()};
     if (store.reader().layout().header().is_sheared()) {
-        throw Error(ErrorKind::unsupported, place,
+        throw Error(ErrorKind::unsupported, {store.path().string()},
                     "the volume is sheared, and elements are computed for axes at right angles");
     }
-    if (field == Field::values || is_of_cells(field)) {
-        throw Error(ErrorKind::invalid_argument, place,
-                    fmt::format("{} is not an indicator of nodes", name_of(field)),
-                    {{RemedyKind::other_field, std::string(name_of(Field::deviation_bar))}});
-    }
+    detail::require_field_of_nodes(store.reader(), field);
     const Lattice& lattice = store.reader().layout().lattice();
-    if (lattice.top() > 0) {
-        static_cast<void>(store.reader().layout().array(1, field));  // throws if it does not exist
-    }
     detail::ChunkCache cache(store.reader(), kCache);
     ImplicitGrid grid;
     grid.parts_ = std::make_shared<GridParts<D>>(
@@ -487,12 +477,7 @@ void ImplicitGrid<D>::visit(const Batch& batch) const {
                                      t.shape = detail::shape_of<D, Kind>(grid, leaf);
                                  });
     coarse.flush();
-    detail::BlockCommon<float, D> common;
-    common.nodes = &grid.nodes;
-    common.level = grid.blocks.level;
-    common.cells = std::int64_t{1} << grid.blocks.level;
-    common.flat = grid.lattice.flat_axes();
-    common.walks = detail::axis_orders<D>(grid.lattice);
+    const auto common = detail::block_common<float, D>(grid.lattice, grid.nodes, grid.blocks.level);
     grid.workers.execute([&] {
         using Block = detail::NumberedBlock<D>;
         tbb::enumerable_thread_specific<Block> blocks([&] { return Block(grid, common, batch); });

@@ -204,22 +204,11 @@ std::vector<Real> inverse_diagonal(const Lattice& lattice, const Double3& spacin
     return diagonal;
 }
 
-/// Calls f(p, number) for the nodes of a set, in the caller's thread.
-template <class F>
-void for_nodes(const NodeSet& set, const F& f) {
-    const Int3 n = set.nodes();
-    for (std::int64_t row = 0; row < n.y * n.z; ++row) {
-        set.for_row({0, row % n.y, row / n.y}, n.x, [&](std::int64_t x, std::uint64_t number) {
-            f(Int3{x, row % n.y, row / n.y}, static_cast<std::size_t>(number));
-        });
-    }
-}
-
 /// The grid whose elements are refined one level less: the nodes of every second one of the
 /// lattice, and the ends of refinement edges that are beyond the volume.
 NodeSet coarser(const NodeSet& fine, const Lattice& lattice, int threads) {
     NodeSet marked(lattice.nodes());
-    for_nodes(fine, [&](const Int3& p, std::size_t) {
+    fine.for_each([&](const Int3& p, std::size_t) {
         Int3 even{};
         Int3 odd{};
         for (int axis = 0; axis < 3; ++axis) {
@@ -298,7 +287,7 @@ struct MultilevelParts {
             const bool is_last = l + 1 == levels.size();
             std::vector<float> is_new(static_cast<std::size_t>(levels[l].set->count()));
             std::vector<float> is_end;
-            for_nodes(*levels[l].set, [&](const Int3& p, std::size_t i) {
+            levels[l].set->for_each([&](const Int3& p, std::size_t i) {
                 is_new[i] = is_last || ((p.x | p.y | p.z) & 1) != 0 ? 1 : 0;
             });
             used.emplace_back(is_new.size());
@@ -307,7 +296,7 @@ struct MultilevelParts {
                 grid.parts().workers.execute(
                     [&] { restrict_level<float>(levels[l], levels[l + 1], is_new, is_end); });
             }
-            for_nodes(*levels[l].set, [&](const Int3& p, std::size_t i) {
+            levels[l].set->for_each([&](const Int3& p, std::size_t i) {
                 const Int3 half{p.x / 2, p.y / 2, p.z / 2};
                 used[l][i] = is_new[i] > 0 || is_end[levels[l + 1].set->number(half)] > 0 ? 1 : 0;
             });

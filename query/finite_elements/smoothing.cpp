@@ -70,11 +70,9 @@ std::vector<std::uint8_t> Smoothing::grid(Progress& progress) const {
     const NodeSet set = diffusion_->grid(progress);
     const Int3 n = set.nodes();
     std::vector<std::uint8_t> members(static_cast<std::size_t>(n.product()), 0);
-    for (std::int64_t row = 0; row < n.y * n.z; ++row) {
-        set.for_row({0, row % n.y, row / n.y}, n.x, [&](std::int64_t x, std::uint64_t) {
-            members[static_cast<std::size_t>(row * n.x + x)] = 1;
-        });
-    }
+    set.for_each([&](const Int3& p, std::size_t /*number*/) {
+        members[static_cast<std::size_t>(n.linear(p))] = 1;
+    });
     return members;
 }
 

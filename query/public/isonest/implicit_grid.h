@@ -106,6 +106,16 @@ class NodeSet {
             x += left;
         }
     }
+    /// Calls f(p, number) for all nodes, in ascending order of the numbers.
+    template <class F>
+    void for_each(const F& f) const {
+        for (std::int64_t row = 0; row < nodes_.y * nodes_.z; ++row) {
+            const Int3 first{0, row % nodes_.y, row / nodes_.y};
+            for_row(first, nodes_.x, [&](std::int64_t x, std::uint64_t number) {
+                f(Int3{x, first.y, first.z}, static_cast<std::size_t>(number));
+            });
+        }
+    }
     /// Whether the set contains all `count` nodes starting at p along x. REQUIRES: count <= 64.
     [[nodiscard]] bool contains_row(const Int3& p, std::int64_t count) const {
         const std::int64_t left = std::min<std::int64_t>(kBits - bit(p.x), count);
@@ -250,13 +260,7 @@ class ImplicitGrid {
     /// Calls f(p, number) for each active node, in ascending order of the numbers.
     template <class F>
     void for_each_node(const F& f) const {
-        const Int3 n = nodes().nodes();
-        for (std::int64_t row = 0; row < n.y * n.z; ++row) {
-            const Int3 first{0, row % n.y, row / n.y};
-            nodes().for_row(first, n.x, [&](std::int64_t x, std::uint64_t number) {
-                f(Int3{x, first.y, first.z}, static_cast<std::size_t>(number));
-            });
-        }
+        nodes().for_each(f);
     }
 
     /// Calls action(const GridElement<D>&) for each element, with nodes numbered by nodes().
