@@ -22,14 +22,9 @@
 namespace isonest::detail {
 namespace {
 
-/// The best field of the store for the interest test, which is beta_0 of section 5.
+/// The field for the interest test, which is beta_0 of section 5.
 Field bound_of(const StoreLayout& layout) {
-    Field bound = Field::deviation_bar;
-    for (const Field field :
-         {Field::grad_linf_plus, Field::linf_plus, Field::deviation_plus, Field::deviation_bar}) {
-        bound = layout.has(field) ? field : bound;
-    }
-    return bound;
+    return layout.tightest_bound().value_or(Field::deviation_bar);
 }
 
 /// The extraction of an isosurface of hexahedra with this stop test.

@@ -1,5 +1,6 @@
 #include "query/study/whole_lattice.h"
 
+#include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
@@ -8,6 +9,7 @@
 #include <optional>
 #include <vector>
 
+#include "query/traverse/each_leaf.h"
 #include "query/traverse/hexahedra/hex_projection.h"
 #include "query/values/blocks.h"
 #include "query/values/node_sampler.h"
@@ -190,31 +192,29 @@ VisitCounts WholeLattice::traverse(double threshold, const Interest& interest,
     using Traversal =
         AdaptTraverse<Element<D>, const Numbers, CubesOfVolume, Interest, BelowThreshold>;
     const Numbers numbers{this};
-    const auto counted = [&](const auto& visit) {
+    tbb::enumerable_thread_specific<VisitCounts> sums;
+    using Elements = std::vector<Element<D>>;
+    const auto visit = [&](const Elements& elements, int /*level*/, int below, Elements* left) {
         Traversal traversal(numbers, {lattice_.nodes() - Int3{1, 1, 1}}, interest, {threshold});
         std::uint64_t leaves = 0;
         auto count = [&](const Element<D>& leaf, double /*eta*/, Overlap /*where*/) {
             leaves += is_leaf(leaf) ? 1 : 0;
         };
-        visit(traversal, count);
+        for (const Element<D>& t : elements) {
+            if (left != nullptr) {
+                traversal.above(t, below, count, *left);
+            } else {
+                traversal.subtree(t, count);
+            }
+        }
         VisitCounts counts = traversal.counts();
         counts.leaves = leaves;
-        return counts;
+        sums.local().add(counts);
     };
-    // At most 6 * 2^12 subtrees.
-    const int level = std::max(lattice_.top() - 12 / D, 0);
-    std::vector<Element<D>> subtrees;
-    VisitCounts sum = counted([&](Traversal& traversal, auto& count) {
-        for (const Element<D>& root : traversal.roots(lattice_)) {
-            traversal.above(root, level, count, subtrees);
-        }
-    });
-    std::vector<VisitCounts> of_subtree(subtrees.size());
-    tbb::parallel_for(std::size_t{0}, subtrees.size(), [&](std::size_t i) {
-        of_subtree[i] = counted(
-            [&](Traversal& traversal, auto& count) { traversal.subtree(subtrees[i], count); });
-    });
-    for (const VisitCounts& counts : of_subtree) {
+    each_leaf::visit_cube<D>(coarsest_of(lattice_, numbers, std::type_identity<Element<D>>()),
+                             lattice_.top(), visit);
+    VisitCounts sum;
+    for (const VisitCounts& counts : sums) {
         sum.add(counts);
     }
     return sum;
