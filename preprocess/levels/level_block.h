@@ -21,6 +21,7 @@
 #include "preprocess/indicators/row_kernels.h"
 #include "preprocess/indicators/value_rows.h"
 #include "store/base/vectors.h"
+#include "store/container/codec.h"
 
 namespace isonest::detail {
 
@@ -128,13 +129,14 @@ void mark_missing_support(const LevelTask<T>& task, std::int64_t k, int first_sl
     });
 }
 
-/// The smallest number of the type that is not below `number`.
+/// The smallest number of the type that is not below `number`. REQUIRES: number >= 0.
 template <class Real>
 Real round_up(double number) {
-    const auto nearest = static_cast<Real>(number);
-    return static_cast<double>(nearest) < number
-               ? std::nextafter(nearest, std::numeric_limits<Real>::infinity())
-               : nearest;
+    if constexpr (std::is_same_v<Real, float>) {
+        return round_up_to_float(number);
+    } else {
+        return number;
+    }
 }
 
 /// Unsaturated measures of the nodes of one layer, by indicator.
