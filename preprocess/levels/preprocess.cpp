@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -21,6 +22,7 @@
 #include "preprocess/levels/resume.h"
 #include "preprocess/levels/run_ends.h"
 #include "preprocess/sources/wrapping/plane_window.h"
+#include "preprocess/sources/wrapping/rounded_source.h"
 #include "store/base/in_order.h"
 #include "store/base/workers.h"
 #include "store/container/format.h"
@@ -148,8 +150,10 @@ Checkpoint take_over(const std::filesystem::path& store, const std::string& iden
 
 }  // namespace
 
-PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& store,
+PreprocessReport preprocess(VolumeSource& volume, const std::filesystem::path& store,
                             const PreprocessOptions& options, Progress& progress) {
+    const std::unique_ptr<VolumeSource> rounded = rounded_source(volume, options.rounding);
+    VolumeSource& source = rounded ? *rounded : volume;
     const auto start = std::chrono::steady_clock::now();
     check_output(store, options.force, source.files());
     Workers workers(options.threads);

@@ -9,10 +9,12 @@
 #include <limits>
 #include <span>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include <isonest/error.h>
 #include <isonest/field.h>
+#include <isonest/value_type.h>
 
 #include "preprocess/indicators/own_indicators.h"
 #include "preprocess/indicators/value_rows.h"
@@ -38,6 +40,33 @@ void require_place(const VolumeDescription& volume) {
     }
 }
 
+/// Throws Error{invalid_argument} unless rounding_of() may return this for the volume.
+void require_rounding(const VolumeDescription& volume, const ValueRounding& rounding) {
+    if (rounding.none()) {
+        return;
+    }
+    if (volume.labels) {
+        throw Error(ErrorKind::invalid_argument, {volume.name}, "labels cannot be rounded");
+    }
+    const double step = rounding.step;
+    const bool fits = dispatch(volume.type, [&](auto tag) {
+        using T = typename decltype(tag)::type;
+        if constexpr (std::is_integral_v<T>) {
+            return step >= 2 && step == std::floor(step) &&
+                   step <= 2.0 * std::numeric_limits<std::uint32_t>::max() &&
+                   rounding.tolerance >= std::floor(step / 2);
+        } else {
+            return step > 0 && std::isfinite(step) && step == std::ldexp(1.0, std::ilogb(step)) &&
+                   rounding.tolerance >= step / 2;
+        }
+    });
+    if (!fits || !(rounding.tolerance <= step)) {
+        throw Error(ErrorKind::invalid_argument, {volume.name},
+                    fmt::format("{} cannot be rounded to multiples of {} within {}",
+                                name_of(volume.type), step, rounding.tolerance));
+    }
+}
+
 }  // namespace
 
 StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& options) {
@@ -47,6 +76,8 @@ StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& 
     header.compression = options.compression;
     header.exact = options.exact;
     header.fields = options.fields;
+    require_rounding(volume, options.rounding);
+    header.rounding = options.rounding;
     const std::vector<Field> own = OwnIndicators(options.own, volume).fields();
     for (const Field field : options.fields) {
         if (is_own(field) && std::find(own.begin(), own.end(), field) == own.end()) {
@@ -119,6 +150,7 @@ std::string identity_of(const StoreHeader& h, const VolumeSource& source,
            (h.unit ? fmt::format("unit {}\n", symbol_of(*h.unit)) : "") +
            (h.frame == AnatomicalFrame::unknown ? ""
                                                 : fmt::format("frame {}\n", name_of(h.frame))) +
+           (h.rounding.none() ? "" : fmt::format("rounding {}\n", h.rounding.step)) +
            own_identities(options.own);
 }
 

@@ -56,8 +56,9 @@ std::string input_text(const VolumeSource& source) {
 }
 
 std::string options_text(const PreprocessOptions& options) {
-    return fmt::format("{} {} {} {} {} {}", options.chunk, options.compression, options.exact,
-                       options.force, options.resume, list_names(options.fields)) +
+    return fmt::format("{} {} {} {} {} {} {}", options.chunk, options.compression, options.exact,
+                       options.force, options.resume, options.rounding.step,
+                       list_names(options.fields)) +
            "\n" + own_identities(options.own);
 }
 
@@ -154,10 +155,12 @@ RanksReport run_to_the_end(PassWork& work, VolumeSource& source, const std::file
 
 }  // namespace
 
-RanksReport preprocess_on_ranks(Communicator& ranks, VolumeSource& source,
+RanksReport preprocess_on_ranks(Communicator& ranks, VolumeSource& volume,
                                 const std::filesystem::path& store,
                                 const PreprocessOptions& options,
                                 const std::filesystem::path& scratch, Progress& progress) {
+    const std::unique_ptr<VolumeSource> rounded = rounded_source(volume, options.rounding);
+    VolumeSource& source = rounded ? *rounded : volume;
     const auto start = std::chrono::steady_clock::now();
     const bool is_first = ranks.rank() == 0;
     require_same_work(ranks, source, options);

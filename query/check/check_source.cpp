@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <utility>
 #include <vector>
@@ -126,6 +127,19 @@ class SourceChecks {
         cache_.prefetch(needs.chunks());
     }
 
+    /// Whether a value is the source's, or was rounded within the store's tolerance.
+    template <class T>
+    [[nodiscard]] bool agrees(T ours, T original) const {
+        // Bitwise comparison, because NaN must equal itself.
+        // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
+        if (std::memcmp(&ours, &original, sizeof(T)) == 0) {
+            return true;
+        }
+        const ValueRounding& rounding = layout_.header().rounding;
+        return !rounding.none() && std::fabs(static_cast<double>(ours) -
+                                             static_cast<double>(original)) <= rounding.tolerance;
+    }
+
     template <class T>
     void compare(const Part& part, const std::vector<T>& original) {
         const ArrayInfo& array = layout_.array(0, Field::values);
@@ -141,12 +155,13 @@ class SourceChecks {
             return;
         }
         for (std::size_t i = 0; i < ours.data.size(); ++i) {
-            // Bitwise comparison, because NaN must equal itself.
-            // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
-            if (std::memcmp(&ours.data[i], &original[i], sizeof(T)) != 0) {
+            if (!agrees(ours.data[i], original[i])) {
                 const Int3 p = part.low + part.size.unlinear(static_cast<std::int64_t>(i));
                 findings_.add("source", array, array.chunk_of(p), p,
-                              "the value differs from the source's");
+                              layout_.header().rounding.none()
+                                  ? "the value differs from the source's"
+                                  : "the value differs from the source's by more than the store's "
+                                    "tolerance");
             }
         }
         findings_.count(part.size.product());

@@ -291,7 +291,7 @@ Features features_of(const StoreReader& store, const SurfaceQuery& query) {
         const auto* const stop = std::get_if<ErrorBound>(&query.stop);
         // An indicator other than the default is one of tetrahedra.
         return stop != nullptr && stop->indicator == ErrorIndicator::deviation && stop->value > 0 &&
-               hexahedra_are_cheaper(store, query.iso, error_of(store, *stop));
+               hexahedra_are_cheaper(store, query.iso, error_left(store, error_of(store, *stop)));
     });
 }
 

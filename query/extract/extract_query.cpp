@@ -184,6 +184,7 @@ ExtractQuery begun(const StoreReader& store, Product product, const Stop& stop, 
     asked.steps = header.steps();
     asked.origin = header.origin;
     asked.threshold = stop.threshold;
+    asked.tolerance = stop.asked;
     asked.traversal.cells = cells;
     asked.traversal.stop = stop.field;
     // If nothing is searched, the bound is not used.

@@ -65,6 +65,7 @@ struct ExtractQuery {
     Product product = Product::surface;
     TraversalQuery traversal;
     double threshold = 0;  ///< for the stop field, in its own units
+    double tolerance = 0;  ///< as in the report
     /// For a surface: the distance at which elements of the nested grid stop, world units; > 0.
     std::optional<double> nested_distance;
     /// Use the values of a LabelView instead of the store's.

@@ -73,7 +73,9 @@ ExtractReport extract_within_triangle_budget(const Store& store, const SurfaceQu
         tried.grid.cells = Cells::tetrahedra;  // also with an error of 0
     }
     const auto stop_within = [&](double error) {
-        tried.stop = ErrorBound{error, false, budget.indicator};
+        // What is tried is the error of the store's rounded values.
+        tried.stop = ErrorBound{error > 0 ? error + tolerance_of(store.reader()) : 0, false,
+                                budget.indicator};
         tried.effort = error > 0 ? effort : Effort::none;
     };
     const auto triangles = [&](double error) {

@@ -74,7 +74,8 @@ std::optional<VolumeInterval> volume_interval(const Store& store, const SurfaceQ
                                               Progress& progress) {
     SurfaceQuery outer = query;
     outer.attributes = {};
-    outer.stop = ErrorBound{tolerance, false, error_indicator(query.stop)};
+    const double error = std::max(tolerance, tolerance_of(store.reader()));
+    outer.stop = ErrorBound{error, false, error_indicator(query.stop)};
     outer.effort = Effort::none;
     outer.grid.cells = Cells::tetrahedra;
     const auto extracted = [&](double iso) {
@@ -83,8 +84,8 @@ std::optional<VolumeInterval> volume_interval(const Store& store, const SurfaceQ
         return extract(store, outer, nowhere, options, progress);
     };
     constexpr double kInfinity = std::numeric_limits<double>::infinity();
-    const ExtractReport above = extracted(std::nextafter(query.iso + tolerance, kInfinity));
-    const ExtractReport below = extracted(std::nextafter(query.iso - tolerance, -kInfinity));
+    const ExtractReport above = extracted(std::nextafter(query.iso + error, kInfinity));
+    const ExtractReport below = extracted(std::nextafter(query.iso - error, -kInfinity));
     const bool is_above = *query.stages.close == Outside::below;
     const ExtractReport& least = is_above ? above : below;
     const ExtractReport& most = is_above ? below : above;
@@ -148,16 +149,26 @@ Field field_of(ErrorIndicator indicator, Cells cells) {
     return has_cells ? Field::hex_deviation : Field::deviation_bar;
 }
 
+Stop stop_at(const StoreReader& store, Field field, const ErrorBound& asked) {
+    const double error = error_of(store, asked);
+    return {field, error_left(store, error), error};
+}
+
+Stop stop_at(const StoreReader& store, const FieldThreshold& asked) {
+    require_not_negative(asked.value, "threshold");
+    const double threshold = asked.value * (asked.relative ? largest_of(store, asked.field) : 1.0);
+    return {asked.field, threshold, threshold};
+}
+
 Stop stop_of(const StoreReader& store, const ErrorBound& asked) {
     const Field field = field_of(asked.indicator, Cells::tetrahedra);
     require_field(store, field, "this indicator");
-    return {field, error_of(store, asked)};
+    return stop_at(store, field, asked);
 }
 
 Stop stop_of(const StoreReader& store, const FieldThreshold& asked) {
     require_field(store, asked.field, "this stop test");
-    require_not_negative(asked.value, "threshold");
-    return {asked.field, asked.value * (asked.relative ? largest_of(store, asked.field) : 1.0)};
+    return stop_at(store, asked);
 }
 
 /// A distance is measured from the surface at full resolution.
@@ -214,6 +225,25 @@ double error_of(const StoreReader& store, const ErrorBound& asked) {
     }
     require_not_negative(error, "error");
     return error;
+}
+
+double tolerance_of(const StoreReader& store) {
+    return store.layout().header().rounding.tolerance;
+}
+
+double error_left(const StoreReader& store, double error) {
+    const double tolerance = tolerance_of(store);
+    if (tolerance == 0 || error == 0) {
+        return error;
+    }
+    if (error < tolerance) {
+        throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                    fmt::format("error {:.6g}: the values were rounded within {:.6g} when the "
+                                "store was made; give {:.6g} or more, or 0 for full resolution",
+                                error, tolerance, tolerance));
+    }
+    // Rounded down, so that the sum of both is at most the error.
+    return error > tolerance ? std::max(std::nextafter(error - tolerance, 0.0), 0.0) : 0.0;
 }
 
 void require_label(const StoreReader& store, std::int64_t label) {
@@ -308,18 +338,18 @@ Stop stop_of(const StoreReader& store, const SurfaceStop& test) {
 namespace {
 
 Stop cell_stop_of(const StoreReader& store, const ErrorBound& asked) {
-    return {field_of(asked.indicator, Cells::hexahedra), error_of(store, asked)};
+    return stop_at(store, field_of(asked.indicator, Cells::hexahedra), asked);
 }
 
 /// The surface at full resolution is what is simplified within a distance.
 Stop cell_stop_of(const StoreReader& /*store*/, const DistanceBound& asked) {
     require_sense(asked);
-    return {Field::hex_deviation, 0};
+    return {Field::hex_deviation, 0, 0};
 }
 
 Stop cell_stop_of(const StoreReader& /*store*/, const TriangleBudgetByDistance& asked) {
     require_sense(asked);
-    return {Field::hex_deviation, 0};
+    return {Field::hex_deviation, 0, 0};
 }
 
 Stop cell_stop_of(const StoreReader& store, const TriangleBudgetByError& asked) {
@@ -333,8 +363,7 @@ Stop cell_stop_of(const StoreReader& store, const FieldThreshold& asked) {
                                 "hex_linf or hex_deviation", name_of(asked.field)),
                     {{RemedyKind::other_field, "hex_linf,hex_deviation"}});
     }
-    require_not_negative(asked.value, "threshold");
-    return {asked.field, asked.value * (asked.relative ? largest_of(store, asked.field) : 1.0)};
+    return stop_at(store, asked);
 }
 
 template <class Test>

@@ -37,10 +37,13 @@ void require_plane(const StoreReader& store);
 void require_contours(std::span<const double> values);
 
 /// The field of the stop test, and its threshold in the field's own units: nodes below it stop.
+/// `asked`: the requested error or threshold. An error is one of the volume's values, so the
+/// threshold is smaller by the tolerance to which the store's values were rounded.
 /// Throws Error{invalid_argument, not_found}.
 struct Stop {
     Field field;
     double threshold;
+    double asked;
 };
 Stop stop_of(const StoreReader& store, const isonest::StopTest& test);
 Stop stop_of(const StoreReader& store, const SurfaceStop& test);
@@ -52,6 +55,11 @@ Stop stop_of_cells(const StoreReader& store, const SurfaceStop& test, CellField 
 
 /// The error in the data's units. Throws Error{invalid_argument}.
 double error_of(const StoreReader& store, const ErrorBound& asked);
+/// What is left of an error for the difference from the store's rounded values. Throws
+/// Error{invalid_argument} if it is above 0 but less than their tolerance.
+double error_left(const StoreReader& store, double error);
+/// The tolerance to which the store's values were rounded; 0: they were not.
+double tolerance_of(const StoreReader& store);
 
 /// Throws Error{invalid_argument} if this label cannot be a value of the store.
 void require_label(const StoreReader& store, std::int64_t label);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "query/extract/query_checks.h"
 #include "query/slabs/join_slabs.h"
 
 namespace isonest::detail {
@@ -18,6 +19,12 @@ double range_of(const ExtractQuery& query, const StoreReader& store) {
     return range_of(query.values != nullptr ? *query.values : store);
 }
 
+/// Whether an indicator's numbers are errors of values.
+bool is_error_of_values(Field field) {
+    const Indicator indicator = indicator_of(field);
+    return is_of_cells(field) || indicator == Indicator::deviation || indicator == Indicator::linf;
+}
+
 }  // namespace
 
 ReportSum::ReportSum(const ExtractQuery& query, const StoreReader* store, const Int3& nodes,
@@ -25,10 +32,11 @@ ReportSum::ReportSum(const ExtractQuery& query, const StoreReader* store, const 
     : shows_values_(query.product != Product::surface && query.product != Product::isolines),
       stops_at_distance_(query.nested_distance.has_value()),
       place_(mesh_place(query, nodes)) {
-    report_.tolerance = query.threshold;
+    report_.tolerance = query.tolerance;
     if (store != nullptr) {
         report_.dimension = store->layout().lattice().dimension();
         report_.value_range = range_of(query, *store);
+        report_.data_tolerance = tolerance_of(*store);
         report_.traversal.chunks_total = store->layout().rows();
     }
     if (const auto distance = query.asked_distance()) {
@@ -60,9 +68,7 @@ void ReportSum::add_traversal(const ExtractQuery& query, const TraversalResult& 
     if (stops_at_distance_) {
         report_.distance->bound = counts.stopped_at;
     } else {
-        const Indicator indicator = indicator_of(asked.stop);
-        const bool is_error = indicator == Indicator::deviation || indicator == Indicator::linf;
-        report_.error_bound = asked.vertices == VertexPlace::exact && is_error
+        report_.error_bound = asked.vertices == VertexPlace::exact && is_error_of_values(asked.stop)
                                   ? 2 * counts.stopped_at
                                   : counts.stopped_at;
     }
@@ -111,6 +117,12 @@ ExtractReport ReportSum::sum(std::uint64_t scratch_bytes) const {
     if (shows_values_) {
         report.error_bound += report.value_rounding;
     }
+    if (is_error_of_values(report.traversal.stop)) {
+        report.error_bound += report.data_tolerance;
+        if (report.simplified_error && report.simplified_error->full_bound) {
+            *report.simplified_error->full_bound += report.data_tolerance;
+        }
+    }
     report.scratch_bytes = scratch_bytes;
     return report;
 }
@@ -135,6 +147,8 @@ ExtractReport analysed(const ExtractQuery& query, const StoreReader& store,
                        const AnalysedSurface& surface, const AnalysedMesh& mesh,
                        std::uint64_t scratch_bytes) {
     ExtractReport report;
+    report.data_tolerance = tolerance_of(store);
+    report.error_bound = report.data_tolerance;
     report.analysis = mesh.analysis;
     report.vertices = mesh.mesh.vertices;
     report.triangles = mesh.mesh.elements;

@@ -390,6 +390,12 @@ Histogram histogram(const StoreReader& store, const HistogramOptions& options, P
     if (cube_level) {
         result.cubes = counts.cubes();
         result.suggested = suggest_isovalues(bins, result.nodes, result.cubes);
+        // Values are multiples of the step, and an isovalue at one of them would touch plateaus.
+        if (const double step = layout.header().rounding.step; step > 0) {
+            for (SuggestedIsovalue& suggested : result.suggested) {
+                suggested.value = (std::floor(suggested.value / step) + 0.5) * step;
+            }
+        }
     }
     return result;
 }

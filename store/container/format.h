@@ -16,6 +16,7 @@
 #include <isonest/frame.h>
 #include <isonest/int3.h>
 #include <isonest/length_unit.h>
+#include <isonest/value_rounding.h>
 #include <isonest/value_type.h>
 #include <isonest/volume_source.h>
 
@@ -82,7 +83,7 @@ inline bool has_cube_ranges(const Lattice& lattice, int level) {
 }
 
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 12;
+inline constexpr std::uint32_t kFormatMinor = 13;
 /// The version of the format in which a store is written.
 struct FormatVersion {
     std::uint64_t major = kFormatMajor;
@@ -100,6 +101,9 @@ inline constexpr std::uint32_t kHasDirection = 1;
 inline constexpr std::uint32_t kHasLabels = 2;
 /// Bit of `flags`: the axes in `direction` are not at right angles.
 inline constexpr std::uint32_t kIsSheared = 4;
+/// Bit of `flags`: the values were rounded before they were stored; the attribute `tolerance` says
+/// by how much.
+inline constexpr std::uint32_t kIsRounded = 64;
 inline constexpr const char* kFormatName = "isonest";
 inline constexpr unsigned kZstdFilter = 32015;
 inline constexpr int kMinChunk = 8;
@@ -115,6 +119,7 @@ struct StoreHeader {
     bool labels = false;                               ///< since version 2.6
     std::optional<LengthUnit> unit = {};               ///< unit of length; since version 2.7
     AnatomicalFrame frame = AnatomicalFrame::unknown;  ///< of the world axes; since version 2.10
+    ValueRounding rounding = {};                       ///< of all values; since version 2.13
     bool label_names = false;  ///< there is a table of label names; since version 2.8
     int chunk = 64;            ///< nodes per axis of a chunk of values: a power of two in 8..256
     int compression = 1;
@@ -138,8 +143,12 @@ struct StoreHeader {
         constexpr std::uint32_t kWithoutShear = 10;
         constexpr std::uint32_t kSheared = 11;
         constexpr std::uint32_t kWithOwn = 12;
+        constexpr std::uint32_t kRounded = 13;
         const bool own = std::any_of(fields.begin(), fields.end(), is_own);
-        return {kFormatMajor, own ? kWithOwn : is_sheared() ? kSheared : kWithoutShear};
+        return {kFormatMajor, !rounding.none() ? kRounded
+                              : own            ? kWithOwn
+                              : is_sheared()   ? kSheared
+                                               : kWithoutShear};
     }
 };
 

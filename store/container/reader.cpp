@@ -214,6 +214,9 @@ std::optional<LengthUnit> Store::unit() const {
 AnatomicalFrame Store::frame() const {
     return reader_->layout().header().frame;
 }
+ValueRounding Store::rounding() const {
+    return reader_->layout().header().rounding;
+}
 double Store::world_units(double length, LengthUnit given) const {
     return detail::world_units(length, given, unit(), path().string());
 }

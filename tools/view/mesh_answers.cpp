@@ -80,6 +80,7 @@ Json header_of(const MeshRequest& request, const ExtractReport& r, const MeshMes
                                              : "error"},
                    {"tolerance", distance ? r.distance->asked : r.tolerance},
                    {"error_bound", nullptr},
+                   {"data_tolerance", r.data_tolerance},
                    {"distance_bound", nullptr},
                    {"smooth_bound", nullptr},
                    {"full_resolution", false},
@@ -98,7 +99,8 @@ Json header_of(const MeshRequest& request, const ExtractReport& r, const MeshMes
         header["full_resolution"] = r.distance->asked == 0;
     } else if (!r.smooth) {
         header["error_bound"] = r.error_bound;
-        header["full_resolution"] = r.error_bound == (request.is_slice() ? r.value_rounding : 0);
+        header["full_resolution"] =
+            r.error_bound == (request.is_slice() ? r.value_rounding : 0) + r.data_tolerance;
     }
     return header;
 }
@@ -121,18 +123,17 @@ ExtractReport MeshAnswers::extract_to(MeshSink& sink, const MeshRequest& request
     ExtractOptions options;
     options.memory = budget_.memory;
     options.threads = budget_.threads;
+    const auto error = [&] { return possible_error(std::get<ErrorBound>(request.stop), store_); };
     if (request.is_slice() && store_.nodes().z == 1) {
-        return extract(store_, plane_query(request, std::get<ErrorBound>(request.stop), store_),
-                       sink, options, progress);
+        return extract(store_, plane_query(request, error(), store_), sink, options, progress);
     }
     if (request.is_slice()) {
-        return extract(store_, slice_query(request, std::get<ErrorBound>(request.stop)), sink,
-                       options, progress);
+        return extract(store_, slice_query(request, error()), sink, options, progress);
     }
     const auto* const distance = std::get_if<DistanceBound>(&request.stop);
     const SurfaceStop stop = distance != nullptr
                                  ? SurfaceStop(DistanceBound{distance->value - rounding})
-                                 : SurfaceStop(std::get<ErrorBound>(request.stop));
+                                 : SurfaceStop(error());
     if (std::holds_alternative<LabelChoice>(request.what)) {
         return extract(store_, label_query(request, stop), sink, options, progress);
     }

@@ -294,6 +294,14 @@ GraphQuery plane_query(const MeshRequest& request, const StopTest& stop, const S
     return query;
 }
 
+ErrorBound possible_error(const ErrorBound& asked, const Store& store) {
+    ErrorBound possible = asked;
+    if (possible.value > 0) {
+        possible.value = std::max(possible.value, store.rounding().tolerance);
+    }
+    return possible;
+}
+
 std::string command_line(const MeshRequest& request, const Store& store,
                          const std::string& output) {
     const bool is_plane = request.is_slice() && store.nodes().z == 1;
@@ -311,8 +319,8 @@ std::string command_line(const MeshRequest& request, const Store& store,
     }
     if (const auto* const error = std::get_if<ErrorBound>(&request.stop);
         error != nullptr && error->value > 0) {
-        line +=
-            fmt::format(" --error {}{}", error->value, request.is_slice() ? "" : " --effort none");
+        line += fmt::format(" --error {}{}", possible_error(*error, store).value,
+                            request.is_slice() ? "" : " --effort none");
     } else if (const auto* const distance = std::get_if<DistanceBound>(&request.stop)) {
         line += fmt::format(" --distance {}{}", distance->value,
                             request.effort == Effort::fast ? " --effort fast" : "");

@@ -113,7 +113,11 @@ std::optional<FirstLevels> fetch_first_levels(const StoreReader& store) {
                 chunks.push_back({array, array->grid.unlinear(i)});
             }
         }
-        first = FirstLevels{level, of_bounds.max};
+        // Rounded up, so that at least the largest indicator is left of it for the levels.
+        constexpr double kRoundedUp = 1 + 1e-12;
+        const double tolerance = layout.header().rounding.tolerance;
+        first = FirstLevels{
+            level, tolerance > 0 ? (of_bounds.max + tolerance) * kRoundedUp : of_bounds.max};
     }
     if (first) {
         store.prefetch_all(chunks);
@@ -380,6 +384,7 @@ HttpAnswer StoreAnswers::describe() const {
         {"dimension", dimension},
         {"file_bytes", store_.reader().file_bytes()},
         {"largest_error", 2 * range_of(store_)},
+        {"tolerance", store_.rounding().tolerance},
         {"first_error", first_ ? number(first_->error) : Json()},
         {"most_triangles", shares_.surface_message / MeshMessage::kTriangleHeap},
         {"memory", shares_.memory},

@@ -11,6 +11,7 @@
 #include <isonest/int3.h>
 #include <isonest/own_indicator.h>
 #include <isonest/progress.h>
+#include <isonest/value_rounding.h>
 #include <isonest/volume_source.h>
 
 namespace isonest {
@@ -30,6 +31,9 @@ struct PreprocessOptions {
     /// Up to kMaxOwnIndicators indicators of the caller. Each is stored with both saturations, in
     /// addition to `fields`.
     std::vector<OwnIndicator> own = {};
+    /// Rounds all values before anything else; a rounding of rounding_of() (tolerance.h) for their
+    /// type. The store says so, and its error bounds are for the given values. Refused for labels.
+    ValueRounding rounding = {};
 };
 
 struct PreprocessReport {
@@ -51,7 +55,8 @@ struct PreprocessReport {
 
 /// Reads `source` once and writes `store`. The store appears under its name only when it is
 /// complete; an existing file of that name is not replaced unless options.force is set. The bytes
-/// of the store depend only on the volume, chunk, compression, exact, fields and own. Throws
+/// of the store depend only on the volume, chunk, compression, exact, fields, own and
+/// rounding. Throws
 /// Error{invalid_argument, unsupported, io, limit, cancelled} and what the source and own
 /// indicators throw.
 /// Thread-safety: several runs may execute at once, each with its own source and store.

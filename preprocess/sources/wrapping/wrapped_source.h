@@ -37,7 +37,10 @@ class WrappedSource : public VolumeSource {
     [[nodiscard]] std::string cache_warning() const override { return inner_->cache_warning(); }
 
   protected:
-    explicit WrappedSource(std::unique_ptr<VolumeSource> inner) : inner_(std::move(inner)) {}
+    explicit WrappedSource(std::unique_ptr<VolumeSource> inner)
+        : owned_(std::move(inner)), inner_(owned_.get()) {}
+    /// `inner` is not owned.
+    explicit WrappedSource(VolumeSource& inner) : inner_(&inner) {}
     [[nodiscard]] VolumeSource& inner_source() const { return *inner_; }
     /// The inner identity with a line about what is changed; empty if the inner identity is.
     [[nodiscard]] std::string identity_and(const std::string& line) const {
@@ -46,7 +49,8 @@ class WrappedSource : public VolumeSource {
     }
 
   private:
-    std::unique_ptr<VolumeSource> inner_;
+    std::unique_ptr<VolumeSource> owned_;
+    VolumeSource* inner_;
 };
 
 // A source with a changed description.

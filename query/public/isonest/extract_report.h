@@ -190,8 +190,12 @@ struct ExtractReport {
     /// ErrorSimplificationReport). For a slice, its contours and a graph, plus value_rounding. With
     /// exact vertices, twice that indicator: a leaf's linear function is within the error of the
     /// isovalue at the triangle's corners, hence on the whole triangle, and the data are within the
-    /// error of that function.
+    /// error of that function. Includes data_tolerance.
     double error_bound = 0;
+    /// The largest amount by which values were rounded when the store was made; 0: none were.
+    /// Distances, areas, volumes and values are those of the rounded values; the interval of the
+    /// volume is for the given ones.
+    double data_tolerance = 0;
     /// Maximum rounding error of a vertex value or of a graph's height, in units of the data.
     double value_rounding = 0;
     double value_range = 0;  ///< range of the store that provides values and heights

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -27,11 +28,18 @@ std::vector<double> flat_directions(const Directions& direction) {
     return numbers;
 }
 
-std::uint64_t direction_digest(const Directions& direction) {
-    const std::vector<double> numbers = flat_directions(direction);
+std::vector<double> rounding_numbers(const ValueRounding& rounding) {
+    return {rounding.tolerance, rounding.step};
+}
+
+std::uint64_t numbers_digest(const std::vector<double>& numbers) {
     Checksum sum;
     sum.add(std::as_bytes(std::span(numbers)));
     return sum.value();
+}
+
+std::uint64_t direction_digest(const Directions& direction) {
+    return numbers_digest(flat_directions(direction));
 }
 
 std::uint64_t text_digest(std::string_view text) {
@@ -158,10 +166,12 @@ class Reader {
             damaged("no flags");
         }
         const std::uint64_t known =
-            out_.version >= FormatVersion{2, 11}  ? kHasDirection | kHasLabels | kIsSheared
-            : out_.version >= FormatVersion{2, 6} ? kHasDirection | kHasLabels
-            : out_.version >= FormatVersion{2, 5} ? kHasDirection
-                                                  : 0;
+            out_.version >= FormatVersion{2, 13}
+                ? kHasDirection | kHasLabels | kIsSheared | kIsRounded
+            : out_.version >= FormatVersion{2, 11} ? kHasDirection | kHasLabels | kIsSheared
+            : out_.version >= FormatVersion{2, 6}  ? kHasDirection | kHasLabels
+            : out_.version >= FormatVersion{2, 5}  ? kHasDirection
+                                                   : 0;
         if (((*flags)[0] & ~known) != 0) {
             unsupported(fmt::format("reserved header flags are set ({:#x})", (*flags)[0]),
                         RemedyKind::newer_version);
@@ -169,6 +179,7 @@ class Reader {
         turned_ = ((*flags)[0] & kHasDirection) != 0;
         sheared_ = ((*flags)[0] & kIsSheared) != 0;
         out_.header.labels = ((*flags)[0] & kHasLabels) != 0;
+        rounded_ = ((*flags)[0] & kIsRounded) != 0;
     }
 
     void require_digest() const {
@@ -214,6 +225,9 @@ class Reader {
         }
         if (out_.version >= FormatVersion{2, 10}) {
             read_frame();
+        }
+        if (rounded_) {
+            read_rounding();
         }
         header.label_names = out_.version >= FormatVersion{2, 8} && root_.has_label_names();
         header.type = *known_type;
@@ -277,6 +291,18 @@ class Reader {
         out_.header.frame = frame.value_or(AnatomicalFrame::unknown);
     }
 
+    void read_rounding() {
+        const auto numbers = root_.numbers("tolerance", 2);
+        const auto digest = root_.integers("tolerance_xxh64", 1);
+        const ValueRounding read =
+            numbers ? ValueRounding{(*numbers)[0], (*numbers)[1]} : ValueRounding{};
+        if (!numbers || !digest || numbers_digest(*numbers) != (*digest)[0] ||
+            !std::isfinite(read.step) || !(read.tolerance > 0) || !(read.tolerance <= read.step)) {
+            damaged("damaged: its tolerance is not the one that was written");
+        }
+        out_.header.rounding = read;
+    }
+
     /// Names added by a newer minor version follow all older ones, so that the rows of the known
     /// fields in the chunk table are known. Their number is limited, so that the rows can be
     /// counted in 64 bits.
@@ -329,6 +355,7 @@ class Reader {
     const std::string& file_;
     bool turned_ = false;   ///< the axes are not parallel to the world's
     bool sheared_ = false;  ///< the axes are not at right angles
+    bool rounded_ = false;  ///< the values were rounded
     RootAttributes out_;
 };
 

@@ -27,6 +27,12 @@ std::vector<double> flat_directions(const Directions& direction);
 /// XXH64 of the nine numbers in the order of the attribute `direction`.
 std::uint64_t direction_digest(const Directions& direction);
 
+/// The two numbers of the attribute `tolerance`.
+std::vector<double> rounding_numbers(const ValueRounding& rounding);
+
+/// XXH64 of an attribute of numbers as stored.
+std::uint64_t numbers_digest(const std::vector<double>& numbers);
+
 /// XXH64 of a text attribute (`unit`, `frame`) as stored.
 std::uint64_t text_digest(std::string_view text);
 

@@ -43,7 +43,8 @@ void write_header(hid_t root, const StoreHeader& header) {
     write_attribute(root, "flags",
                     (turned ? kHasDirection : std::uint32_t{0}) |
                         (header.labels ? kHasLabels : std::uint32_t{0}) |
-                        (header.is_sheared() ? kIsSheared : std::uint32_t{0}));
+                        (header.is_sheared() ? kIsSheared : std::uint32_t{0}) |
+                        (header.rounding.none() ? std::uint32_t{0} : kIsRounded));
     write_attribute(root, "nodes",
                     std::vector<std::uint64_t>{static_cast<std::uint64_t>(header.nodes.x),
                                                static_cast<std::uint64_t>(header.nodes.y),
@@ -74,6 +75,10 @@ void write_header(hid_t root, const StoreHeader& header) {
         const std::string name(name_of(header.frame));
         write_attribute(root, "frame", name);
         write_attribute(root, "frame_xxh64", text_digest(name));
+    }
+    if (!header.rounding.none()) {
+        write_attribute(root, "tolerance", rounding_numbers(header.rounding));
+        write_attribute(root, "tolerance_xxh64", numbers_digest(rounding_numbers(header.rounding)));
     }
 }
 

@@ -23,10 +23,11 @@ namespace isonest::detail {
 namespace {
 
 /// In the order of FORMAT.md.
-constexpr std::array<const char*, 21> kAttributes{
-    "format",    "version",         "flags", "nodes",      "spacing", "origin",      "value_type",
-    "chunk",     "compression",     "exact", "fields",     "range",   "has_missing", "xxh64",
-    "direction", "direction_xxh64", "unit",  "unit_xxh64", "frame",   "frame_xxh64", "complete"};
+constexpr std::array<const char*, 23> kAttributes{
+    "format",      "version",     "flags",       "nodes",           "spacing", "origin",
+    "value_type",  "chunk",       "compression", "exact",           "fields",  "range",
+    "has_missing", "xxh64",       "direction",   "direction_xxh64", "unit",    "unit_xxh64",
+    "frame",       "frame_xxh64", "tolerance",   "tolerance_xxh64", "complete"};
 
 std::optional<AttributeKind> kind_of(hid_t type) {
     const std::size_t size = H5Tget_size(type);

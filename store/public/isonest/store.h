@@ -15,6 +15,7 @@
 #include <isonest/label_name.h>
 #include <isonest/length_unit.h>
 #include <isonest/remote.h>
+#include <isonest/value_rounding.h>
 #include <isonest/value_type.h>
 
 namespace isonest {
@@ -75,6 +76,9 @@ class Store {
     /// Smallest and largest finite value of the finest level; min > max if there is none.
     [[nodiscard]] double min_value() const;
     [[nodiscard]] double max_value() const;
+    /// How the values were rounded when the store was made. Everything in the store is that of the
+    /// rounded values; error bounds of queries are for the given ones.
+    [[nodiscard]] ValueRounding rounding() const;
     /// Whether values are missing (NaN or infinite).
     [[nodiscard]] bool has_missing() const;
     /// Names and colours of labels, by ascending ids, as read from the input if the store was made

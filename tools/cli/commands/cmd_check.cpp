@@ -127,6 +127,8 @@ Result run(CheckArguments& a, Progress& progress) {
         result.warning = fmt::format("{}: uses the newer format version {}; not checked: {}", path,
                                      store.version().text(), fmt::join(unknown, ", "));
     }
+    const ValueRounding rounding = opened.rounding();
+    result.json["tolerance"] = rounding.tolerance;
     const std::uint64_t all = stored_chunks(store.layout());
     result.json["chunks_total"] = all;
     if (r.chunks < all && r.failures == 0) {
@@ -141,7 +143,10 @@ Result run(CheckArguments& a, Progress& progress) {
         "{}: {} ({} chunks, {} nodes, {} cubes by brute force{})\n", path,
         r.failures == 0 ? std::string("all is well") : fmt::format("{} findings", r.failures),
         r.chunks, human_count(static_cast<double>(r.nodes)), r.cubes,
-        a.source.empty() ? "" : ", values as in the source");
+        a.source.empty() ? ""
+        : rounding.none()
+            ? ", values as in the source"
+            : fmt::format(", values within {:.6g} of the source's", rounding.tolerance));
     add_counts();
     return result;
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <isonest/error.h>
+#include <isonest/tolerance.h>
 
 #include "query/extract/extract.h"
 #include "query/statistics/histogram.h"
@@ -210,6 +211,8 @@ Result describe_store(const Store& opened, const InfoArguments& a, const std::st
                    {"min_value", any ? value_json(h, store.min_value()) : Json()},
                    {"max_value", any ? value_json(h, store.max_value()) : Json()},
                    {"has_missing", store.has_missing()},
+                   {"tolerance", h.rounding.tolerance},
+                   {"tolerance_step", h.rounding.step},
                    {"levels", store.layout().lattice().top() + 1},
                    {"fields", fields},
                    {"unknown_fields", h.unknown_fields},
@@ -222,7 +225,7 @@ Result describe_store(const Store& opened, const InfoArguments& a, const std::st
                    {"arrays", Json::array()}};
     result.text = fmt::format(
         "{}: {} x {} x {} {}, {} levels, {}\n"
-        "{}{}{}\n"
+        "{}{}{}{}\n"
         "indicators {} ({}), chunks of {}^3 nodes, zstd level {}\n"
         "ranges of cubes: {}\n\n"
         "{:>5} {:<14} {:>18} {:>8} {:>10} {:>7}  {}\n",
@@ -231,6 +234,7 @@ Result describe_store(const Store& opened, const InfoArguments& a, const std::st
         place_text(h.spacing, h.origin, h.unit, h.frame, h.direction, h.nodes),
         value_text(h.labels, store.min_value(), store.max_value()),
         store.has_missing() ? ", some missing" : "",
+        h.rounding.none() ? "" : "; rounded: " + text_of(h.rounding),
         h.fields.empty() ? std::string("none") : list_names(h.fields),
         h.exact ? "32-bit" : "16-bit, rounded up", h.chunk, h.compression,
         human_bytes(static_cast<double>(cube_range_bytes(store))), "level", "field", "nodes",

@@ -3,15 +3,20 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <array>
+#include <cstring>
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <string_view>
+#include <variant>
 #include <vector>
 
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
 #include <isonest/own_indicator.h>
 #include <isonest/preprocess.h>
+#include <isonest/tolerance.h>
 
 #include "preprocess/ranks/preprocess_on_ranks.h"
 #include "store/container/format.h"
@@ -34,6 +39,7 @@ struct PreprocessArguments {
     PreprocessOptions preprocess;
     std::string scratch;           ///< folder for temporary files, with several ranks
     std::vector<std::string> own;  ///< "NAME=FILE"
+    ValueTolerance tolerance = {};
     RemoteArguments remote;
 };
 
@@ -88,11 +94,83 @@ OwnVolume open_own(const std::string& text, const PreprocessArguments& a, Progre
     return opened;
 }
 
+/// "2.5", "0.5%", "bits:4" or "auto".
+ValueTolerance parse_tolerance(const std::string& text) {
+    const std::string option = "--tolerance";
+    constexpr std::string_view kBits = "bits:";
+    if (text == "auto") {
+        return WithinNoise{};
+    }
+    if (text.starts_with(kBits)) {
+        return WithoutLowBits{
+            static_cast<int>(parse_integer(option, text.substr(kBits.size()), 0, 31))};
+    }
+    const bool is_part = text.ends_with('%');
+    const double number = parse_number(option, is_part ? text.substr(0, text.size() - 1) : text);
+    if (!(number >= 0) || (is_part && number > 100)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("--tolerance '{}': give a number >= 0, a percentage of the range, "
+                                "bits:N or auto",
+                                text));
+    }
+    return is_part ? ValueTolerance(WithinRangePart{number / 100})
+                   : ValueTolerance(WithinValue{number});
+}
+
+/// The rounding of the volume's values, and why it was chosen.
+struct ChosenRounding {
+    ValueRounding rounding;
+    std::string reason;
+};
+
+std::string reason_of(const ValueTolerance& tolerance, const ValueSurvey& survey) {
+    if (std::holds_alternative<WithinNoise>(tolerance)) {
+        return survey.noise > 0
+                   ? fmt::format("half the noise, whose standard deviation is about {:.3g}",
+                                 survey.noise)
+                   : "the values show no noise";
+    }
+    return std::holds_alternative<WithinRangePart>(tolerance)
+               ? "of the range " + human_range(survey.min, survey.max)
+               : "";
+}
+
+/// Reads the volume once if the tolerance depends on its values: on rank 0, if there are several.
+/// `source` is opened again if it can be read only once.
+ChosenRounding choose_rounding(PreprocessArguments& a, Communicator* ranks,
+                               std::unique_ptr<VolumeSource>& source, Progress& progress) {
+    const ValueType type = source->describe().type;
+    if (!needs_survey(a.tolerance)) {
+        return {rounding_of(a.tolerance, type), ""};
+    }
+    if (source->sequential() && a.input == std::vector<std::string>{"-"}) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--tolerance: a percentage and auto need the values twice, and a stream from "
+                    "standard input is read once; give the tolerance in values");
+    }
+    std::array<double, 3> numbers{};
+    if (ranks == nullptr || ranks->rank() == 0) {
+        const ValueSurvey survey =
+            survey_values(*source, a.tolerance, a.preprocess.memory, progress);
+        numbers = {survey.min, survey.max, survey.noise};
+        if (source->sequential()) {
+            source = open_input(a.input, std::filesystem::path(a.store).parent_path(), a.source);
+        }
+    }
+    if (ranks != nullptr) {
+        const std::string bytes = ranks->broadcast(
+            std::string(reinterpret_cast<const char*>(numbers.data()), sizeof(numbers)));
+        std::memcpy(numbers.data(), bytes.data(), sizeof(numbers));
+    }
+    const ValueSurvey survey{numbers[0], numbers[1], numbers[2]};
+    return {rounding_of(a.tolerance, type, survey), reason_of(a.tolerance, survey)};
+}
+
 Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
     reach_volume(a.input, a.remote, a.preprocess.memory, a.source, progress);
     // A quarter of the budget is enough for the chunks of the input; the passes need the rest.
     a.source.max_heap = a.preprocess.memory / 4;
-    const std::unique_ptr<VolumeSource> source =
+    std::unique_ptr<VolumeSource> source =
         open_input(a.input, std::filesystem::path(a.store).parent_path(), a.source);
     const VolumeDescription volume = source->describe();
     const std::string type(volume.labels ? "int64" : name_of(volume.type));
@@ -101,6 +179,8 @@ Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
         own.push_back(open_own(text, a, progress));
         a.preprocess.own.push_back(own.back().indicator);
     }
+    const ChosenRounding chosen = choose_rounding(a, ranks, source, progress);
+    a.preprocess.rounding = chosen.rounding;
     Result result;
     const PreprocessReport r = run_on(ranks, *source, a, result.rank, progress);
     const double rate = r.seconds > 0 ? static_cast<double>(r.input_bytes) / r.seconds : 0;
@@ -115,6 +195,9 @@ Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
                    {"min_value", r.labels ? Json((*r.labels)[0]) : Json(r.min_value)},
                    {"max_value", r.labels ? Json((*r.labels)[1]) : Json(r.max_value)},
                    {"has_missing", r.has_missing},
+                   {"tolerance", chosen.rounding.tolerance},
+                   {"tolerance_step", chosen.rounding.step},
+                   {"tolerance_reason", chosen.reason.empty() ? Json() : Json(chosen.reason)},
                    {"input_bytes", r.input_bytes},
                    {"store_bytes", r.store_bytes},
                    {"chunks", r.chunks},
@@ -136,6 +219,11 @@ Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
             static_cast<double>(std::max<std::uint64_t>(r.input_bytes, 1)),
         human_bytes(static_cast<double>(r.input_bytes)), human_seconds(r.seconds),
         human_bytes(rate));
+    if (!chosen.rounding.none() || !chosen.reason.empty()) {
+        result.text += fmt::format(
+            "{}{}\n", chosen.rounding.none() ? "values as they are" : text_of(chosen.rounding),
+            chosen.reason.empty() ? "" : ": " + chosen.reason);
+    }
     if (r.label_names > 0) {
         result.text += fmt::format("names or colours of {} labels\n", r.label_names);
     }
@@ -165,11 +253,13 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
          "Every input byte is read once, and the volume may be larger than memory. --resume "
          "continues an interrupted run. With --labels, 64-bit integers are stored exactly (0 to "
          "2^62 - 1), and the input's names and colours are kept; without it, they become float64 "
-         "(up to 2^53).\n\nIndicators: " +
+         "(up to 2^53). --tolerance rounds the values first, which makes the store much smaller; "
+         "error bounds stay bounds for INPUT's values.\n\nIndicators: " +
              list_names(all_fields()) + "; nodes (all but those of cells, hex_...); all.\n\n" +
              paraview_hint(),
          "isonest preprocess scan.h5 -o scan.isonest\n"
          "isonest preprocess scan.h5 --dataset /entry/data -o scan.isonest --memory 8G\n"
+         "isonest preprocess scan.nii.gz --tolerance 0.5% -o scan.isonest\n"
          "isonest preprocess organs.seg.nrrd --labels -o organs.isonest\n"
          "isonest preprocess head.raw.gz --dims 256,256,113 --type uint16 --spacing 1,1,2 -o "
          "head.isonest"});
@@ -199,6 +289,9 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
         c, "--indicators",
         [&p](const std::string& text) { p.fields = parse_indicators("--indicators", text); },
         fmt::format("{}", fmt::join(names_of(default_indicators()), ",")));
+    CLI::Option* const tolerance = add_parsed(
+        c, "--tolerance", [a](const std::string& text) { a->tolerance = parse_tolerance(text); });
+    tolerance->excludes(c->get_option("--labels"));
     c->add_option("--own", a->own)->allow_extra_args(false);
     c->add_flag("--exact", p.exact);
     c->add_flag("--force", p.force);
@@ -215,6 +308,7 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
         chosen.stages = {{"check the interrupted run", "checking the interrupted run", 0.1},
                          {"resume", "reusing finished work", 0.1},
                          {"copy input", "copying the input", 0.5},
+                         {"survey", "reading the values for --tolerance", 0.3},
                          {"read indicator", "reading the numbers of --own", 0.2},
                          {"levels 0-2", "reading the volume", 1}};
     });

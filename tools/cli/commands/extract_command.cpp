@@ -222,8 +222,9 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
                     r.dimension == 2 && !a.is_graph ? "line segments" : "triangles", r.vertices,
                     human_seconds(r.seconds),
                     r.smooth ? sheets_text(r, unit_suffix(origin.unit)) + smooth_text(*r.smooth)
-                    : r.distance || r.within_budget ? distance_text(arguments.distance, r)
-                                                    : guarantee_text(a, r) + simplified_text(r),
+                    : r.distance || r.within_budget
+                        ? distance_text(arguments.distance, r) + (r.distance ? rounded_text(r) : "")
+                        : guarantee_text(a, r) + simplified_text(r),
                     origin.volume != nullptr ? "directly from " + origin.volume->describe().name
                                              : read_text(r.traversal));
     result.text += analysis_text(r) + version_text(a.mesh) + space_line(origin.frame, a, a.mesh);

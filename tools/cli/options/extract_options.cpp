@@ -278,6 +278,14 @@ std::string function_text(const ExtractReport& r) {
                             : "the piecewise linear function on tetrahedra";
 }
 
+std::string rounded_text(const ExtractReport& r) {
+    return r.data_tolerance > 0
+               ? fmt::format("; the store's values are rounded within {:.6g}, which the {}",
+                             r.data_tolerance,
+                             r.distance ? "distance does not include" : "error includes")
+               : "";
+}
+
 std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
     const auto asked = [&] {
         const bool is_part = a.is_slice || a.is_graph;
@@ -290,15 +298,21 @@ std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
                 : "");
     };
     const bool is_surface = !a.is_slice && !a.is_graph;
-    if (is_surface && r.error_bound == 0 && r.tolerance == 0) {
-        return fmt::format("the surface at full resolution, of {}", function_text(r));
+    if (is_surface && r.error_bound == r.data_tolerance && r.tolerance == 0) {
+        const std::string full = "the surface at full resolution, of " + function_text(r);
+        return r.data_tolerance > 0
+                   ? full + fmt::format(
+                                "; error at most {:.6g}, because the store's values are "
+                                "rounded",
+                                r.data_tolerance)
+                   : full;
     }
     const Field stop = r.traversal.stop;
     if (is_guaranteed(r) || stop == Field::hex_deviation) {
-        return fmt::format("error at most {}, of {}", asked(), function_text(r));
+        return fmt::format("error at most {}, of {}{}", asked(), function_text(r), rounded_text(r));
     }
     if ((stop == Field::linf_bar || stop == Field::hex_linf) && !a.stop) {
-        return "estimated error " + asked();
+        return "estimated error " + asked() + rounded_text(r);
     }
     const std::string what =
         stop == Field::grad_linf_plus     ? "bounds the error of the gradient, not of the value"
@@ -380,6 +394,7 @@ Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
                  {"bound", name_of(r.traversal.bound)},
                  {"tolerance", r.tolerance},
                  {"error_bound", r.error_bound},
+                 {"data_tolerance", r.data_tolerance},
                  {"value_rounding", r.value_rounding},
                  {"guaranteed", is_guaranteed(r) || r.traversal.stop == Field::hex_deviation},
                  {"cells", cells},

@@ -260,8 +260,8 @@ std::string analysis_text(const ExtractReport& r) {
 
 std::string distance_text(const DistanceArguments& a, const ExtractReport& r) {
     if (!r.distance) {
-        return fmt::format("error at most {:.6g} (asked for {} triangles){}", r.error_bound,
-                           a.triangles, simplified_text(r));
+        return fmt::format("error at most {:.6g} (asked for {} triangles){}{}", r.error_bound,
+                           a.triangles, simplified_text(r), rounded_text(r));
     }
     const DistanceReport& distance = *r.distance;
     if (a.effort == Effort::none && distance.bound > 0) {

@@ -138,6 +138,12 @@ class Store(Extracting):
         return self._core.frame
 
     @property
+    def tolerance(self) -> float:
+        """The largest amount by which values were rounded when the store was made; 0: none were. The store's values are
+        the rounded ones. Error bounds of meshes are for the given values, and include this."""
+        return self._core.tolerance
+
+    @property
     def direction(self) -> Directions:
         """Unit vectors (x, y, z) of the volume's axes x, y, z in the world; at right angles unless it is sheared."""
         return self._frame.direction

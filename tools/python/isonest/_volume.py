@@ -15,6 +15,22 @@ from ._queries import Cells
 from ._store import Store
 
 
+def _tolerance(tolerance: Union[float, str]) -> "tuple[str, float]":
+    """The kind of a tolerance ("values", "range", "bits" or "auto") and its number."""
+    if not isinstance(tolerance, str):
+        return "values", float(tolerance)
+    text = tolerance.strip()
+    try:
+        if text == "auto":
+            return "auto", 0.0
+        if text.startswith("bits:"):
+            return "bits", float(int(text[len("bits:"):]))
+        return ("range", float(text[:-1]) / 100) if text.endswith("%") else ("values", float(text))
+    except ValueError:
+        raise ValueError(f"tolerance={tolerance!r}: give a number, a percentage of the range such as '0.5%', "
+                         "'bits:N' or 'auto'") from None
+
+
 def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optional[Sequence[float]] = None,
                origin: Optional[Sequence[float]] = None, unit: Optional[str] = None,
                frame: Optional[_sources.PatientFrame] = None,
@@ -23,7 +39,7 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
                crop: Optional[Sequence[slice]] = None, every: Union[int, Sequence[int]] = 1,
                shape: Optional[Sequence[int]] = None, dtype: Any = None, offset: Optional[int] = None,
                indicators: Union[None, str, Sequence[str]] = None, own: "Optional[Mapping[str, Any]]" = None,
-               exact: bool = False, chunk: int = 64,
+               tolerance: Union[float, str] = 0.0, exact: bool = False, chunk: int = 64,
                compression: int = 1, replace: bool = False, resume: bool = False, headers: Headers = None,
                cache: "os.PathLike[str] | str | None" = None, memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> PreprocessReport:
     """Converts a volume to the file ``store``, which appears only when it is complete.
@@ -55,6 +71,10 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
         returns an array with one number >= 0, or infinity, for each. It is called by several threads in any order, more
         than once for some nodes, and may depend on nothing but its argument. Nodes that touch missing values are left
         out, and always refined. ``resume`` refuses functions.
+    tolerance: round all values first, by at most this much, which makes the store much smaller: a number; "0.5%" of the
+        difference between the largest and the smallest value; "bits:4", for integers, drops the 4 lowest bits; "auto" is
+        half the noise that the values show. Percentages and "auto" read the volume twice. Error bounds of meshes are for
+        the given values, and include the tolerance. Not for labels.
     chunk: nodes per axis of a chunk, a power of two from 8 to 256. compression: zstd level, 1 to 19.
     replace: overwrite an existing store. resume: continue an interrupted run; if this run is interrupted, keep its
         files.
@@ -82,12 +102,20 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
         else:
             own_source = _sources.of_volume(numbers, identified=resume, memory=options.memory)
             options.add_own_volume(name, own_source, os.path.dirname(os.fspath(store)) or ".")
-    source = _sources.of_volume(volume, identified=resume, memory=options.memory, spacing=spacing, origin=origin,
-                                unit=unit, frame=frame, missing=missing, dataset=dataset, series=series, labels=labels,
-                                label_names=label_names, index=index, crop=crop, every=every, shape=shape, dtype=dtype,
-                                offset=offset, headers=headers, cache=cache)
-    options.memory -= _sources.for_fetching(volume, options.memory)
+    kind, number = _tolerance(tolerance)
+    if labels and (kind != "values" or number != 0):
+        raise ValueError("tolerance: labels cannot be rounded")
+
+    def opened() -> _core.Source:
+        return _sources.of_volume(volume, identified=resume, memory=options.memory, spacing=spacing, origin=origin,
+                                  unit=unit, frame=frame, missing=missing, dataset=dataset, series=series, labels=labels,
+                                  label_names=label_names, index=index, crop=crop, every=every, shape=shape, dtype=dtype,
+                                  offset=offset, headers=headers, cache=cache)
     with reporting(progress) as report:
+        if kind != "values" or number != 0:
+            options.rounding = _core.rounding_of(opened(), kind, number, options.memory, report)
+        source = opened()
+        options.memory -= _sources.for_fetching(volume, options.memory)
         return _core.preprocess(source, os.fspath(store), options, report)
 
 

@@ -297,6 +297,9 @@ void add_extract_report(py::module_& module) {
         .def_readonly("triangles", &R::triangles,
                       "number of triangles; for isolines and contours, of lines")
         .def_readonly("tolerance", &R::tolerance, "the requested error")
+        .def_readonly("data_tolerance", &R::data_tolerance,
+                      "The largest amount by which the store's values were rounded; error_bound "
+                      "includes it, distances are from the surface of the rounded values.")
         .def_readonly("error_bound", &R::error_bound,
                       "the proven error of the mesh, at most the tolerance")
         .def_readonly("value_rounding", &R::value_rounding)

@@ -18,6 +18,7 @@
 #include <isonest/memory_volume.h>
 #include <isonest/open_volume.h>
 #include <isonest/preprocess.h>
+#include <isonest/tolerance.h>
 
 #include "preprocess/sources/wrapping/scaled_source.h"
 #include "store/base/length_unit.h"
@@ -263,6 +264,30 @@ Source source_of_reader(py::object reader, const Numbers& nodes, const py::dtype
     return with_missing(std::move(volume), missing);
 }
 
+ValueTolerance tolerance_of(const std::string& kind, double number) {
+    if (kind == "auto") {
+        return WithinNoise{};
+    }
+    if (kind == "bits") {
+        return WithoutLowBits{static_cast<int>(number)};
+    }
+    return kind == "range" ? ValueTolerance(WithinRangePart{number})
+                           : ValueTolerance(WithinValue{number});
+}
+
+/// Reads the values if the tolerance depends on them; the source cannot be used again.
+ValueRounding rounding_of_source(Source& source, const std::string& kind, double number,
+                                 std::uint64_t memory, const py::object& progress) {
+    const ValueTolerance tolerance = tolerance_of(kind, number);
+    const std::unique_ptr<VolumeSource> volume = source.take();
+    ValueSurvey survey;
+    if (needs_survey(tolerance)) {
+        run_watched(progress,
+                    [&](Progress& p) { survey = survey_values(*volume, tolerance, memory, p); });
+    }
+    return rounding_of(tolerance, volume->describe().type, survey);
+}
+
 PreprocessReport preprocess_source(Source& source, const Path& store,
                                    const PreprocessOptions& options, const py::object& progress) {
     const std::unique_ptr<VolumeSource> volume = source.take();
@@ -311,6 +336,11 @@ void add_sources(py::module_& module) {
                "dtype"_a, "spacing"_a, "origin"_a, "unit"_a, "frame"_a, "name"_a, "planes"_a,
                "rows"_a, "heap"_a, "identity"_a, "files"_a, "missing"_a);
 
+    py::class_<ValueRounding>(module, "ValueRounding")
+        .def_readonly("tolerance", &ValueRounding::tolerance)
+        .def_readonly("step", &ValueRounding::step);
+    module.def("rounding_of", &rounding_of_source, "source"_a, "kind"_a, "number"_a, "memory"_a,
+               "progress"_a);
     py::class_<PreprocessOptions> options(module, "PreprocessOptions");
     options.def(py::init<>())
         .def_readwrite("memory", &PreprocessOptions::memory)
@@ -320,6 +350,7 @@ void add_sources(py::module_& module) {
         .def_readwrite("exact", &PreprocessOptions::exact)
         .def_readwrite("replace", &PreprocessOptions::force)
         .def_readwrite("resume", &PreprocessOptions::resume)
+        .def_readwrite("rounding", &PreprocessOptions::rounding)
         .def_property(
             "indicators", [](const PreprocessOptions& o) { return names_of(o.fields); },
             [](PreprocessOptions& o, const std::vector<std::string>& names) {

@@ -467,6 +467,8 @@ void add_stores(py::module_& module) {
                 return s.get()->world_units(length, unit_of_name(unit));
             },
             "length"_a, "unit"_a)
+        .def_property_readonly("tolerance",
+                               [](const OpenStore& s) { return s.get()->rounding().tolerance; })
         .def_property_readonly("direction", [](const OpenStore& s) { return s.get()->direction(); })
         .def_property_readonly("levels", [](const OpenStore& s) { return s.get()->levels(); })
         .def_property_readonly("indicators",

@@ -94,6 +94,8 @@ export interface MeshHeader {
   readonly stop: "error" | "distance" | "camera" | "smooth";
   readonly tolerance: number;
   readonly error_bound: number | null;
+  /** By how much the store's values were rounded; part of error_bound, not of distance_bound. */
+  readonly data_tolerance: number;
   readonly distance_bound: number | null;
   readonly smooth_bound: number | null;
   readonly full_resolution: boolean;

@@ -35,12 +35,17 @@ export function unitOf(store: StoreInfo): string {
   return store.unit === null ? "world units" : letters[store.unit] ?? store.unit;
 }
 
+/** What full resolution means for a store with rounded values. */
+function roundedValues(header: MeshHeader): string {
+  return header.data_tolerance > 0 ? ` of values rounded within ${shortBound(header.data_tolerance)}` : "";
+}
+
 /** The proven quality of a surface; `unit`: of lengths. */
 export function surfaceBound(header: MeshHeader, unit: string): string {
   if (header.smooth_bound !== null) return `smooth, within ${shortBound(header.smooth_bound)} ${unit} of the faces of the voxels`;
-  if (header.full_resolution) return "full resolution";
+  if (header.full_resolution) return `full resolution${roundedValues(header)}`;
   if (header.distance_bound !== null) {
-    return `within ${shortBound(header.distance_bound)} ${unit} of the surface at full resolution`;
+    return `within ${shortBound(header.distance_bound)} ${unit} of the surface at full resolution${roundedValues(header)}`;
   }
   if (header.error_bound !== null) return `values on this surface are within ${shortBound(header.error_bound)} of the isovalue`;
   return "without a bound";
@@ -50,7 +55,8 @@ export function surfaceBound(header: MeshHeader, unit: string): string {
 export function sliceBound(header: MeshHeader): string {
   const rounding = header.value_rounding ?? 0;
   if (header.full_resolution) {
-    return rounding > 0 ? `full resolution, values rounded by up to ${shortBound(rounding)}` : "full resolution";
+    const all = rounding + header.data_tolerance;
+    return all > 0 ? `full resolution, values rounded by up to ${shortBound(all)}` : "full resolution";
   }
   if (header.error_bound === null) return "without a bound";
   return `values within ${shortBound(header.error_bound + rounding)} of the data`;
