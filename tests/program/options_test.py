@@ -81,7 +81,7 @@ OPTIONS = {
     "preprocess": {**READING, **NETWORK,
         "--output": None, "--labels": (["--labels"], []), "--label-names": (["--label-names", "{here}/names.txt"], ["--labels"]),
         "--chunk": (["--chunk", "8"], []), "--compression": (["--compression", "9"], []),
-        "--indicators": (["--indicators", "l1_bar"], []), "--own": (["--own", "square={here}/other.nrrd"], []), "--exact": (["--exact"], []), "--force": "existing"},
+        "--indicators": (["--indicators", "l1_bar"], []), "--own": (["--own", "square={here}/other.nrrd"], []), "--tolerance": (["--tolerance", "2"], []), "--exact": (["--exact"], []), "--force": "existing"},
     "extract": {**READING, **KEEP, **NETWORK, **COARSE,
         "--output": None, "--iso": (["--iso", "60"], []), "--graph": "graph", "--components": (["--components", "1"], []),
         "--min-component": (["--min-component", "1000"], []), "--min-volume": (["--min-volume", "500"], ["--close"]),

@@ -173,6 +173,9 @@ std::string site_list(const Site& site, const std::vector<std::string>& files) {
                                    {"nodes", {store.nodes.x, store.nodes.y, store.nodes.z}},
                                    {"type", store.type},
                                    {"unit", nullptr}};
+        if (store.tolerance > 0) {
+            one["tolerance"] = store.tolerance;
+        }
         if (!store.unit.empty()) {
             one["unit"] = store.unit;
         }

@@ -47,7 +47,8 @@ struct SiteStore {
     std::uint64_t bytes = 0;
     Int3 nodes;
     std::string type;
-    std::string unit;  ///< of length; empty: unknown
+    std::string unit;      ///< of length; empty: unknown
+    double tolerance = 0;  ///< to which its values were rounded; 0: they were not
 };
 
 struct Site {

@@ -39,9 +39,11 @@ Result run(ExportArguments& a, Progress& progress) {
                    {"field", name},
                    {"level", a.options.level},
                    {"nodes", {nodes.x, nodes.y, nodes.z}},
-                   {"type", type}};
+                   {"type", type},
+                   {"tolerance", opened.rounding().tolerance}};
     result.text =
-        fmt::format("{}: {}, {} x {} x {} {}\n", a.output, name, nodes.x, nodes.y, nodes.z, type);
+        fmt::format("{}: {}, {} x {} x {} {}\n", a.output, name, nodes.x, nodes.y, nodes.z, type) +
+        rounding_note(opened);
     add_fetched(opened, result);
     return result;
 }

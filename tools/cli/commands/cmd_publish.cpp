@@ -138,6 +138,7 @@ SiteStore described(const PublishArguments& a, std::size_t i, Progress& progress
     store.bytes = reader.file_bytes();
     store.nodes = opened.nodes();
     store.type = name_of(opened.type());
+    store.tolerance = opened.rounding().tolerance;
     store.unit = opened.unit() ? std::string(symbol_of(*opened.unit())) : "";
     return store;
 }
@@ -201,20 +202,26 @@ Result write(const PublishArguments& a, Progress& progress) {
     result.json = {{"output", a.output}, {"files", files}, {"stores", Json::array()}};
     std::uint64_t bytes = 0;
     std::string frames;
+    std::string rounded;
     for (const SiteStore& store : site.stores) {
+        if (store.tolerance > 0) {
+            rounded += fmt::format("{}: values rounded within {:.6g}, as the page says\n",
+                                   store.name, store.tolerance);
+        }
         const std::string frame = frame_line(store);
         frames += frame + "\n";
         bytes += store.file.empty() ? 0 : store.bytes;
         result.json["stores"].push_back({{"name", store.name},
                                          {"url", publish::url_in_site(store)},
                                          {"bytes", store.bytes},
+                                         {"tolerance", store.tolerance},
                                          {"iframe", frame}});
     }
     result.text = fmt::format(
         "{}: {} files, with {} of stores. Put the folder on a web server, then:\n"
         "  isonest publish --check https://YOUR.HOST/PATH/\n"
-        "In a page of your own:\n{}",
-        a.output, files.size(), human_bytes(static_cast<double>(bytes)), frames);
+        "In a page of your own:\n{}{}",
+        a.output, files.size(), human_bytes(static_cast<double>(bytes)), frames, rounded);
     return result;
 }
 

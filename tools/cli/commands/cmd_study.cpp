@@ -258,6 +258,7 @@ Result run(StudyArguments& a, Progress& progress) {
     result.json = {{"folder", a.folder},
                    {"all_elements", s.all_elements},
                    {"all_cells", s.all_cells},
+                   {"tolerance", opened.rounding().tolerance},
                    {"rows", rows}};
     result.text = fmt::format(
         "{}: study.csv and plots of {} fields at {} thresholds; the finest mesh has {} elements, "
@@ -265,6 +266,7 @@ Result run(StudyArguments& a, Progress& progress) {
         "1 / (elements error), which had these names before, is element_efficiency_*\n",
         a.folder, s.rows.size() / static_cast<std::size_t>(a.study.steps), a.study.steps,
         s.all_elements, s.all_cells);
+    result.text += rounding_note(opened);
     add_fetched(opened, result);
     return result;
 }

@@ -278,6 +278,13 @@ std::string function_text(const ExtractReport& r) {
                             : "the piecewise linear function on tetrahedra";
 }
 
+std::string rounding_note(const Store& store) {
+    const ValueRounding rounding = store.rounding();
+    return rounding.none()
+               ? ""
+               : fmt::format("the store's values are rounded within {:.6g}\n", rounding.tolerance);
+}
+
 std::string rounded_text(const ExtractReport& r) {
     return r.data_tolerance > 0
                ? fmt::format("; the store's values are rounded within {:.6g}, which the {}",

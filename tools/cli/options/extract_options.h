@@ -83,6 +83,9 @@ void require_suitable_cells(const ExtractArguments& a);
 std::string function_text(const ExtractReport& r);
 /// "error at most 0.25 (asked for 0.3), of ...": what is known about the error of the mesh, in one
 /// line.
+/// "the store's values are rounded within 2\n"; empty if they are not.
+std::string rounding_note(const Store& store);
+
 /// "; the store's values are rounded within 2, which the error includes" (or the distance does
 /// not); empty if they are not rounded.
 std::string rounded_text(const ExtractReport& r);
