@@ -143,7 +143,7 @@ bool is_integral(ValueType type) {
                     [](auto tag) { return std::is_integral_v<typename decltype(tag)::type>; });
 }
 
-ValueRounding rounding_within(double value, ValueType type) {
+DataRounding rounding_within(double value, ValueType type) {
     require(value >= 0 && std::isfinite(value),
             fmt::format("tolerance {}: must be a finite number >= 0", value));
     if (value == 0) {
@@ -160,33 +160,33 @@ ValueRounding rounding_within(double value, ValueType type) {
     const double power = std::ldexp(1.0, std::ilogb(largest));
     const bool is_power = size_of(type) > 1 && (power >= kBytes || 4 * power >= 3 * largest);
     const double step = is_power ? power : largest;
-    return step > 1 ? ValueRounding{std::floor(step / 2), step} : ValueRounding{};
+    return step > 1 ? DataRounding{std::floor(step / 2), step} : DataRounding{};
 }
 
 struct RoundingOf {
     ValueType type;
     const ValueSurvey& survey;
 
-    ValueRounding operator()(const WithinValue& asked) const {
+    DataRounding operator()(const WithinValue& asked) const {
         return rounding_within(asked.value, type);
     }
-    ValueRounding operator()(const WithinRangePart& asked) const {
+    DataRounding operator()(const WithinRangePart& asked) const {
         require(asked.part >= 0 && asked.part <= 1,
                 fmt::format("tolerance {} of the range: give a part from 0 to 1", asked.part));
         return survey.min < survey.max
                    ? rounding_within(asked.part * survey.max - asked.part * survey.min, type)
-                   : ValueRounding{};
+                   : DataRounding{};
     }
-    ValueRounding operator()(const WithoutLowBits& asked) const {
+    DataRounding operator()(const WithoutLowBits& asked) const {
         require(is_integral(type),
                 fmt::format("tolerance in bits: the values are {}, not integers", name_of(type)));
         const int bits = static_cast<int>(8 * size_of(type));
         require(asked.bits >= 0 && asked.bits < bits,
                 fmt::format("tolerance of {} bits: {} has {}", asked.bits, name_of(type), bits));
         const double step = std::ldexp(1.0, asked.bits);
-        return asked.bits == 0 ? ValueRounding{} : ValueRounding{step / 2, step};
+        return asked.bits == 0 ? DataRounding{} : DataRounding{step / 2, step};
     }
-    ValueRounding operator()(const WithinNoise& /*asked*/) const {
+    DataRounding operator()(const WithinNoise& /*asked*/) const {
         return rounding_within(kPartOfNoise * survey.noise, type);
     }
 };
@@ -239,12 +239,12 @@ ValueSurvey survey_values(VolumeSource& source, const ValueTolerance& tolerance,
     return survey;
 }
 
-ValueRounding rounding_of(const ValueTolerance& tolerance, ValueType type,
-                          const ValueSurvey& survey) {
+DataRounding rounding_of(const ValueTolerance& tolerance, ValueType type,
+                         const ValueSurvey& survey) {
     return std::visit(RoundingOf{type, survey}, tolerance);
 }
 
-std::string text_of(const ValueRounding& rounding) {
+std::string text_of(const DataRounding& rounding) {
     return rounding.none() ? ""
                            : fmt::format("values within {:.6g} (multiples of {:.6g})",
                                          rounding.tolerance, rounding.step);

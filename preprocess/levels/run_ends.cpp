@@ -41,7 +41,7 @@ void require_place(const VolumeDescription& volume) {
 }
 
 /// Throws Error{invalid_argument} unless rounding_of() may return this for the volume.
-void require_rounding(const VolumeDescription& volume, const ValueRounding& rounding) {
+void require_rounding(const VolumeDescription& volume, const DataRounding& rounding) {
     if (rounding.none()) {
         return;
     }

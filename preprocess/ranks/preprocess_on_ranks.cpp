@@ -6,6 +6,7 @@
 #include <array>
 #include <chrono>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <random>
 #include <span>
@@ -24,6 +25,7 @@
 #include "preprocess/ranks/pencils.h"
 #include "preprocess/ranks/rank_passes.h"
 #include "preprocess/ranks/shared_table.h"
+#include "preprocess/sources/wrapping/rounded_source.h"
 #include "store/base/label_text.h"
 #include "store/base/workers.h"
 #include "store/container/codec.h"

@@ -135,7 +135,7 @@ class SourceChecks {
         if (std::memcmp(&ours, &original, sizeof(T)) == 0) {
             return true;
         }
-        const ValueRounding& rounding = layout_.header().rounding;
+        const DataRounding& rounding = layout_.header().rounding;
         return !rounding.none() && std::fabs(static_cast<double>(ours) -
                                              static_cast<double>(original)) <= rounding.tolerance;
     }

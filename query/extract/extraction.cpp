@@ -16,6 +16,7 @@
 #include "query/apart/keep_apart.h"
 #include "query/distance/traverse_within_distance.h"
 #include "query/extract/combinations.h"
+#include "query/extract/query_checks.h"
 #include "query/extract/stages/contour_lines.h"
 #include "query/extract/stages/pipeline.h"
 #include "query/mesh/weld.h"

@@ -12,11 +12,11 @@
 #include <string>
 #include <vector>
 
+#include <isonest/data_rounding.h>
 #include <isonest/field.h>
 #include <isonest/frame.h>
 #include <isonest/int3.h>
 #include <isonest/length_unit.h>
-#include <isonest/value_rounding.h>
 #include <isonest/value_type.h>
 #include <isonest/volume_source.h>
 
@@ -119,7 +119,7 @@ struct StoreHeader {
     bool labels = false;                               ///< since version 2.6
     std::optional<LengthUnit> unit = {};               ///< unit of length; since version 2.7
     AnatomicalFrame frame = AnatomicalFrame::unknown;  ///< of the world axes; since version 2.10
-    ValueRounding rounding = {};                       ///< of all values; since version 2.13
+    DataRounding rounding = {};                        ///< of all values; since version 2.13
     bool label_names = false;  ///< there is a table of label names; since version 2.8
     int chunk = 64;            ///< nodes per axis of a chunk of values: a power of two in 8..256
     int compression = 1;

@@ -214,7 +214,7 @@ std::optional<LengthUnit> Store::unit() const {
 AnatomicalFrame Store::frame() const {
     return reader_->layout().header().frame;
 }
-ValueRounding Store::rounding() const {
+DataRounding Store::rounding() const {
     return reader_->layout().header().rounding;
 }
 double Store::world_units(double length, LengthUnit given) const {

@@ -94,15 +94,15 @@ TEST_CASE("a tolerance of 0, or below 1 for integers, rounds nothing") {
 }
 
 TEST_CASE("the step is a power of two for floating-point values, and where bytes gain by it") {
-    CHECK(rounding_of(WithinValue{0.3}, ValueType::f32) == ValueRounding{0.25, 0.5});
-    CHECK(rounding_of(WithinValue{0.25}, ValueType::f64) == ValueRounding{0.25, 0.5});
-    CHECK(rounding_of(WithinRangePart{0.005}, ValueType::f32, {-50, 150}) == ValueRounding{1, 2});
-    CHECK(rounding_of(WithinValue{2}, ValueType::u8) == ValueRounding{2, 5});
-    CHECK(rounding_of(WithinValue{3}, ValueType::u16) == ValueRounding{3, 7});
-    CHECK(rounding_of(WithinValue{2}, ValueType::u16) == ValueRounding{2, 4});
-    CHECK(rounding_of(WithinValue{20}, ValueType::i16) == ValueRounding{16, 32});
-    CHECK(rounding_of(WithoutLowBits{4}, ValueType::u16) == ValueRounding{8, 16});
-    CHECK(rounding_of(WithinNoise{}, ValueType::u16, {0, 9, 6.5}) == ValueRounding{3, 7});
+    CHECK(rounding_of(WithinValue{0.3}, ValueType::f32) == DataRounding{0.25, 0.5});
+    CHECK(rounding_of(WithinValue{0.25}, ValueType::f64) == DataRounding{0.25, 0.5});
+    CHECK(rounding_of(WithinRangePart{0.005}, ValueType::f32, {-50, 150}) == DataRounding{1, 2});
+    CHECK(rounding_of(WithinValue{2}, ValueType::u8) == DataRounding{2, 5});
+    CHECK(rounding_of(WithinValue{3}, ValueType::u16) == DataRounding{3, 7});
+    CHECK(rounding_of(WithinValue{2}, ValueType::u16) == DataRounding{2, 4});
+    CHECK(rounding_of(WithinValue{20}, ValueType::i16) == DataRounding{16, 32});
+    CHECK(rounding_of(WithoutLowBits{4}, ValueType::u16) == DataRounding{8, 16});
+    CHECK(rounding_of(WithinNoise{}, ValueType::u16, {0, 9, 6.5}) == DataRounding{3, 7});
 }
 
 TEST_CASE("impossible tolerances are refused") {
@@ -125,7 +125,7 @@ TEST_CASE("impossible tolerances are refused") {
 TEST_CASE("values become multiples of the step within the tolerance, and rounding twice is once") {
     for (const ValueType type : kTypes) {
         for (const double tolerance : {1e-6, 0.01, 1.0, 2.0, 3.0, 5.0, 100.0}) {
-            const ValueRounding rounding = rounding_of(WithinValue{tolerance}, type);
+            const DataRounding rounding = rounding_of(WithinValue{tolerance}, type);
             if (rounding.none()) {
                 continue;
             }
@@ -197,11 +197,11 @@ TEST_CASE("a rounded store is the store of rounded values, but for its header") 
     const TemporaryFolder dir;
     constexpr std::int64_t kN = 41;
     const std::vector<float> given = noisy(kN, 1, 20);
-    const ValueRounding rounding = rounding_of(WithinValue{0.4}, ValueType::f32);
+    const DataRounding rounding = rounding_of(WithinValue{0.4}, ValueType::f32);
     std::vector<float> rounded = given;
     round_values(ValueType::f32, rounding, rounded.size(),
                  reinterpret_cast<std::byte*>(rounded.data()));
-    const auto made = [&](const std::vector<float>& values, const ValueRounding& how,
+    const auto made = [&](const std::vector<float>& values, const DataRounding& how,
                           const char* name, std::uint64_t memory) {
         MemoryVolume volume(values.data(), ValueType::f32, {kN, kN, kN});
         PreprocessOptions options = with_chunk(16, false);
@@ -233,7 +233,7 @@ TEST_CASE("a rounded store is the store of rounded values, but for its header") 
 TEST_CASE("a rounding that is not one of the type is refused") {
     const TemporaryFolder dir;
     const std::vector<std::uint16_t> values(125);
-    const auto kind = [&](const ValueRounding& rounding) {
+    const auto kind = [&](const DataRounding& rounding) {
         MemoryVolume volume(values.data(), ValueType::u16, {5, 5, 5});
         PreprocessOptions options;
         options.rounding = rounding;

@@ -7,11 +7,11 @@
 #include <optional>
 #include <vector>
 
+#include <isonest/data_rounding.h>
 #include <isonest/field.h>
 #include <isonest/int3.h>
 #include <isonest/own_indicator.h>
 #include <isonest/progress.h>
-#include <isonest/value_rounding.h>
 #include <isonest/volume_source.h>
 
 namespace isonest {
@@ -33,7 +33,7 @@ struct PreprocessOptions {
     std::vector<OwnIndicator> own = {};
     /// Rounds all values before anything else; a rounding of rounding_of() (tolerance.h) for their
     /// type. The store says so, and its error bounds are for the given values. Refused for labels.
-    ValueRounding rounding = {};
+    DataRounding rounding = {};
 };
 
 struct PreprocessReport {

@@ -9,8 +9,8 @@
 #include <string>
 #include <variant>
 
+#include <isonest/data_rounding.h>
 #include <isonest/progress.h>
-#include <isonest/value_rounding.h>
 #include <isonest/value_type.h>
 #include <isonest/volume_source.h>
 
@@ -57,10 +57,10 @@ ValueSurvey survey_values(VolumeSource& source, const ValueTolerance& tolerance,
 /// step. `survey` is used if needs_survey(). Throws Error{invalid_argument}: bits of floating-point
 /// values, more bits than the values have, a part above 1, or a number that is negative or beyond
 /// the range of the type.
-ValueRounding rounding_of(const ValueTolerance& tolerance, ValueType type,
-                          const ValueSurvey& survey = {});
+DataRounding rounding_of(const ValueTolerance& tolerance, ValueType type,
+                         const ValueSurvey& survey = {});
 
 /// "values within 2.5 (multiples of 5)"; empty if nothing is rounded.
-std::string text_of(const ValueRounding& rounding);
+std::string text_of(const DataRounding& rounding);
 
 }  // namespace isonest

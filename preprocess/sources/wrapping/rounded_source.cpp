@@ -41,7 +41,7 @@ T rounded_number(T value, double step) {
 
 class RoundedSource : public WrappedSource {
   public:
-    RoundedSource(VolumeSource& inner, const ValueRounding& rounding)
+    RoundedSource(VolumeSource& inner, const DataRounding& rounding)
         : WrappedSource(inner), rounding_(rounding), given_(inner.describe()) {}
 
     [[nodiscard]] std::string identity() const override {
@@ -55,13 +55,13 @@ class RoundedSource : public WrappedSource {
     }
 
   private:
-    ValueRounding rounding_;
+    DataRounding rounding_;
     VolumeDescription given_;
 };
 
 }  // namespace
 
-void round_values(ValueType type, const ValueRounding& rounding, std::size_t count,
+void round_values(ValueType type, const DataRounding& rounding, std::size_t count,
                   std::byte* values) {
     dispatch(type, [&](auto tag) {
         using T = typename decltype(tag)::type;
@@ -78,7 +78,7 @@ void round_values(ValueType type, const ValueRounding& rounding, std::size_t cou
     });
 }
 
-std::unique_ptr<VolumeSource> rounded_source(VolumeSource& inner, const ValueRounding& rounding) {
+std::unique_ptr<VolumeSource> rounded_source(VolumeSource& inner, const DataRounding& rounding) {
     return rounding.none() ? nullptr : std::make_unique<RoundedSource>(inner, rounding);
 }
 

@@ -28,7 +28,7 @@ std::vector<double> flat_directions(const Directions& direction) {
     return numbers;
 }
 
-std::vector<double> rounding_numbers(const ValueRounding& rounding) {
+std::vector<double> rounding_numbers(const DataRounding& rounding) {
     return {rounding.tolerance, rounding.step};
 }
 
@@ -294,8 +294,8 @@ class Reader {
     void read_rounding() {
         const auto numbers = root_.numbers("tolerance", 2);
         const auto digest = root_.integers("tolerance_xxh64", 1);
-        const ValueRounding read =
-            numbers ? ValueRounding{(*numbers)[0], (*numbers)[1]} : ValueRounding{};
+        const DataRounding read =
+            numbers ? DataRounding{(*numbers)[0], (*numbers)[1]} : DataRounding{};
         if (!numbers || !digest || numbers_digest(*numbers) != (*digest)[0] ||
             !std::isfinite(read.step) || !(read.tolerance > 0) || !(read.tolerance <= read.step)) {
             damaged("damaged: its tolerance is not the one that was written");

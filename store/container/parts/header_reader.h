@@ -28,7 +28,7 @@ std::vector<double> flat_directions(const Directions& direction);
 std::uint64_t direction_digest(const Directions& direction);
 
 /// The two numbers of the attribute `tolerance`.
-std::vector<double> rounding_numbers(const ValueRounding& rounding);
+std::vector<double> rounding_numbers(const DataRounding& rounding);
 
 /// XXH64 of an attribute of numbers as stored.
 std::uint64_t numbers_digest(const std::vector<double>& numbers);

@@ -9,13 +9,13 @@
 #include <string_view>
 #include <vector>
 
+#include <isonest/data_rounding.h>
 #include <isonest/field.h>
 #include <isonest/frame.h>
 #include <isonest/int3.h>
 #include <isonest/label_name.h>
 #include <isonest/length_unit.h>
 #include <isonest/remote.h>
-#include <isonest/value_rounding.h>
 #include <isonest/value_type.h>
 
 namespace isonest {
@@ -78,7 +78,7 @@ class Store {
     [[nodiscard]] double max_value() const;
     /// How the values were rounded when the store was made. Everything in the store is that of the
     /// rounded values; error bounds of queries are for the given ones.
-    [[nodiscard]] ValueRounding rounding() const;
+    [[nodiscard]] DataRounding rounding() const;
     /// Whether values are missing (NaN or infinite).
     [[nodiscard]] bool has_missing() const;
     /// Names and colours of labels, by ascending ids, as read from the input if the store was made

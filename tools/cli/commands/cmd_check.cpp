@@ -127,7 +127,7 @@ Result run(CheckArguments& a, Progress& progress) {
         result.warning = fmt::format("{}: uses the newer format version {}; not checked: {}", path,
                                      store.version().text(), fmt::join(unknown, ", "));
     }
-    const ValueRounding rounding = opened.rounding();
+    const DataRounding rounding = opened.rounding();
     result.json["tolerance"] = rounding.tolerance;
     const std::uint64_t all = stored_chunks(store.layout());
     result.json["chunks_total"] = all;

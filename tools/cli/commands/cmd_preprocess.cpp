@@ -119,7 +119,7 @@ ValueTolerance parse_tolerance(const std::string& text) {
 
 /// The rounding of the volume's values, and why it was chosen.
 struct ChosenRounding {
-    ValueRounding rounding;
+    DataRounding rounding;
     std::string reason;
 };
 

@@ -279,7 +279,7 @@ std::string function_text(const ExtractReport& r) {
 }
 
 std::string rounding_note(const Store& store) {
-    const ValueRounding rounding = store.rounding();
+    const DataRounding rounding = store.rounding();
     return rounding.none()
                ? ""
                : fmt::format("the store's values are rounded within {:.6g}\n", rounding.tolerance);

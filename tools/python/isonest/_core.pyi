@@ -54,13 +54,13 @@ def source_of_reader(reader: Any, *, nodes: _Int3, dtype: np.dtype, spacing: _Do
                      planes: int, rows: int, heap: int, identity: str, files: Sequence[str],
                      missing: Optional[float]) -> Source: ...
 
-class ValueRounding:
+class DataRounding:
     @property
     def tolerance(self) -> float: ...
     @property
     def step(self) -> float: ...
 
-def rounding_of(source: Source, kind: str, number: float, memory: int, progress: _Report) -> ValueRounding: ...
+def rounding_of(source: Source, kind: str, number: float, memory: int, progress: _Report) -> DataRounding: ...
 
 class PreprocessOptions:
     memory: int
@@ -70,7 +70,7 @@ class PreprocessOptions:
     exact: bool
     replace: bool
     resume: bool
-    rounding: ValueRounding
+    rounding: DataRounding
     indicators: List[str]
     def __init__(self) -> None: ...
     def add_own_function(self, name: str, function: Callable[..., Any], identity: str) -> None: ...

@@ -276,8 +276,8 @@ ValueTolerance tolerance_of(const std::string& kind, double number) {
 }
 
 /// Reads the values if the tolerance depends on them; the source cannot be used again.
-ValueRounding rounding_of_source(Source& source, const std::string& kind, double number,
-                                 std::uint64_t memory, const py::object& progress) {
+DataRounding rounding_of_source(Source& source, const std::string& kind, double number,
+                                std::uint64_t memory, const py::object& progress) {
     const ValueTolerance tolerance = tolerance_of(kind, number);
     const std::unique_ptr<VolumeSource> volume = source.take();
     ValueSurvey survey;
@@ -336,9 +336,9 @@ void add_sources(py::module_& module) {
                "dtype"_a, "spacing"_a, "origin"_a, "unit"_a, "frame"_a, "name"_a, "planes"_a,
                "rows"_a, "heap"_a, "identity"_a, "files"_a, "missing"_a);
 
-    py::class_<ValueRounding>(module, "ValueRounding")
-        .def_readonly("tolerance", &ValueRounding::tolerance)
-        .def_readonly("step", &ValueRounding::step);
+    py::class_<DataRounding>(module, "DataRounding")
+        .def_readonly("tolerance", &DataRounding::tolerance)
+        .def_readonly("step", &DataRounding::step);
     module.def("rounding_of", &rounding_of_source, "source"_a, "kind"_a, "number"_a, "memory"_a,
                "progress"_a);
     py::class_<PreprocessOptions> options(module, "PreprocessOptions");

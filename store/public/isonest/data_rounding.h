@@ -4,12 +4,12 @@
 namespace isonest {
 
 /// How the values of a store differ from those of the volume that it was made from.
-struct ValueRounding {
+struct DataRounding {
     double tolerance = 0;  ///< the largest change of a value; 0: none was changed
     double step = 0;       ///< what values were rounded to multiples of; 0: none was changed
 
     [[nodiscard]] bool none() const { return step == 0; }
-    bool operator==(const ValueRounding&) const = default;
+    bool operator==(const DataRounding&) const = default;
 };
 
 }  // namespace isonest
