@@ -393,7 +393,7 @@ Histogram histogram(const StoreReader& store, const HistogramOptions& options, P
         // Values are multiples of the step, and an isovalue at one of them would touch plateaus.
         if (const double step = layout.header().rounding.step; step > 0) {
             for (SuggestedIsovalue& suggested : result.suggested) {
-                suggested.value = (std::floor(suggested.value / step) + 0.5) * step;
+                suggested.isovalue = (std::floor(suggested.isovalue / step) + 0.5) * step;
             }
         }
     }

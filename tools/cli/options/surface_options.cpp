@@ -11,6 +11,7 @@
 #include <isonest/error.h>
 
 #include "store/files/output_file.h"
+#include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/units.h"
 
 namespace isonest::detail::cli {
