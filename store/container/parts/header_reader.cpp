@@ -158,10 +158,12 @@ class Reader {
             damaged("no flags");
         }
         const std::uint64_t known =
-            out_.version >= FormatVersion{2, 11}  ? kHasDirection | kHasLabels | kIsSheared
-            : out_.version >= FormatVersion{2, 6} ? kHasDirection | kHasLabels
-            : out_.version >= FormatVersion{2, 5} ? kHasDirection
-                                                  : 0;
+            out_.version >= FormatVersion{2, 13}
+                ? kHasDirection | kHasLabels | kIsSheared | kSkipsShuffle
+            : out_.version >= FormatVersion{2, 11} ? kHasDirection | kHasLabels | kIsSheared
+            : out_.version >= FormatVersion{2, 6}  ? kHasDirection | kHasLabels
+            : out_.version >= FormatVersion{2, 5}  ? kHasDirection
+                                                   : 0;
         if (((*flags)[0] & ~known) != 0) {
             unsupported(fmt::format("reserved header flags are set ({:#x})", (*flags)[0]),
                         RemedyKind::newer_version);
@@ -169,6 +171,7 @@ class Reader {
         turned_ = ((*flags)[0] & kHasDirection) != 0;
         sheared_ = ((*flags)[0] & kIsSheared) != 0;
         out_.header.labels = ((*flags)[0] & kHasLabels) != 0;
+        out_.header.skips_shuffle = ((*flags)[0] & kSkipsShuffle) != 0;
     }
 
     void require_digest() const {
