@@ -149,7 +149,11 @@ Field field_of(ErrorIndicator indicator, Cells cells) {
 }
 
 Stop stop_of(const StoreReader& store, const ErrorBound& asked) {
-    const Field field = field_of(asked.indicator, Cells::tetrahedra);
+    Field field = field_of(asked.indicator, Cells::tetrahedra);
+    if (asked.indicator == ErrorIndicator::estimate && !store.layout().has(field) &&
+        store.layout().has(Field::deviation_bar)) {
+        field = Field::deviation_bar;  // promises more
+    }
     require_field(store, field, "this indicator");
     return {field, error_of(store, asked)};
 }
