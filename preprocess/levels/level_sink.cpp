@@ -92,7 +92,7 @@ void IndicatorChunks::encode(std::vector<EncodedChunk>& out) const {
         chunk.chunk = part.chunk;
         chunk.row.min = part.min;
         chunk.row.max = part.max;
-        encode_chunk({part.raw.get(), array_.chunk_bytes()}, array_.codec, chunk.bytes);
+        chunk.encode({part.raw.get(), array_.chunk_bytes()});
         out.push_back(std::move(chunk));
     }
 }

@@ -36,6 +36,13 @@ struct EncodedChunk {
     Int3 chunk;
     std::vector<std::byte> bytes;
     ChunkRow row;
+
+    /// Encodes the chunk's elements, without the shuffle where that pays.
+    void encode(std::span<const std::byte> raw) {
+        if (encode_shorter(raw, array->codec, bytes)) {
+            row.flags |= kChunkUnshuffled;
+        }
+    }
 };
 
 /// Up to 2 x 2 x 2 neighbouring chunks of an indicator array, filled layer by layer.
@@ -189,7 +196,7 @@ EncodedChunk encode_values(const ArrayInfo& array, const Int3& chunk, const Box<
     out.row.min = range.min();
     out.row.max = range.max();
     out.row.flags = range.missing() ? kChunkHasMissing : 0;
-    encode_chunk(std::as_bytes(std::span(raw.get(), size)), array.codec, out.bytes);
+    out.encode(std::as_bytes(std::span(raw.get(), size)));
     return out;
 }
 

@@ -56,7 +56,7 @@ void PartialArray::put(const EncodedChunk& chunk) const {
     thread_local std::vector<std::byte> raw;
     const std::size_t element = array_->codec.element_size;
     raw.resize(array_->chunk_bytes());
-    decode_chunk(chunk.bytes, array_->codec, raw, {"", array_->place(chunk.chunk)});
+    decode_chunk(chunk.bytes, array_->codec_of(chunk.row), raw, {"", array_->place(chunk.chunk)});
     const Int3 lo = array_->first_node(chunk.chunk);
     const Int3 n = min(array_->chunk, array_->nodes - lo);
     for (std::int64_t z = 0; z < n.z; ++z) {
@@ -208,7 +208,7 @@ EncodedChunk encode_indicator_rows(const PartialArray& from, const Int3& chunk) 
     out.chunk = chunk;
     out.row.min = low;
     out.row.max = high;
-    encode_chunk(std::as_bytes(std::span(raw.get(), size)), array.codec, out.bytes);
+    out.encode(std::as_bytes(std::span(raw.get(), size)));
     return out;
 }
 

@@ -262,7 +262,9 @@ class Checker {
 
     void row(const ArrayInfo& array, const Int3& chunk) {
         try {
-            if ((store_.row(array, chunk).flags & ~kChunkHasMissing) != 0) {
+            const std::uint32_t known =
+                kChunkHasMissing | (array.skips_shuffle ? kChunkUnshuffled : std::uint32_t{0});
+            if ((store_.row(array, chunk).flags & ~known) != 0) {
                 findings_.add("table", array, chunk, kWholeChunk, "reserved flags are set");
             }
         } catch (const Error& error) {
@@ -328,7 +330,8 @@ class Checker {
         for (std::size_t a = 0; a < layout_.arrays().size(); ++a) {
             const ArrayInfo& array = layout_.arrays()[a];
             const auto [low, high] = share_.of(array.grid.product());
-            if (low > 0 && first_damaged[a] == 0 && !view.read(array, {0, 0, 0}, bytes).empty()) {
+            if (low > 0 && first_damaged[a] == 0 &&
+                !view.read(array, {0, 0, 0}, store_.row(array, {0, 0, 0}), bytes).empty()) {
                 continue;  // reported by the rank with the first chunk
             }
             for (std::int64_t i = low; i < high; ++i) {
@@ -338,7 +341,7 @@ class Checker {
                 if (findings_.is_damaged(array, chunk)) {
                     continue;
                 }
-                const std::string fault = view.read(array, chunk, bytes);
+                const std::string fault = view.read(array, chunk, store_.row(array, chunk), bytes);
                 const HeldBytes held = store_.stored(array, chunk);
                 const auto ours = held.bytes();
                 if (!fault.empty()) {

@@ -161,7 +161,11 @@ Stop stop_at(const StoreReader& store, const FieldThreshold& asked) {
 }
 
 Stop stop_of(const StoreReader& store, const ErrorBound& asked) {
-    const Field field = field_of(asked.indicator, Cells::tetrahedra);
+    Field field = field_of(asked.indicator, Cells::tetrahedra);
+    if (asked.indicator == ErrorIndicator::estimate && !store.layout().has(field) &&
+        store.layout().has(Field::deviation_bar)) {
+        field = Field::deviation_bar;  // promises more
+    }
     require_field(store, field, "this indicator");
     return stop_at(store, field, asked);
 }

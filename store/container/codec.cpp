@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <bit>
 #include <cstdint>
+#include <cstring>
 #include <memory>
 #include <utility>
 
@@ -28,6 +29,7 @@ struct Packing {
     std::unique_ptr<ZSTD_CCtx, FreeContext> context{ZSTD_createCCtx()};
     std::vector<std::byte> shuffled;
     std::vector<std::byte> packed;
+    std::vector<std::byte> sample;
 };
 
 struct Unpacking {
@@ -124,9 +126,10 @@ void unshuffle(std::span<const std::byte> from, std::byte* to, std::size_t size)
     }
 }
 
-void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
-                  std::vector<std::byte>& out) {
-    auto& state = thread_state<Packing>();
+namespace {
+
+/// Leaves the compressed bytes at the start of `state.packed`, and returns their number.
+std::size_t pack(std::span<const std::byte> raw, const CodecSpec& spec, Packing& state) {
     if (!state.context) {
         throw std::bad_alloc();
     }
@@ -147,7 +150,48 @@ void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
         throw Error(ErrorKind::limit,
                     fmt::format("zstd could not compress a chunk: {}", ZSTD_getErrorName(size)));
     }
+    return size;
+}
+
+/// Smaller chunks are always shuffled: a few bytes are not worth a store that older readers refuse.
+constexpr std::size_t kLeastChosen = 1024;
+
+/// Compares on a few parts of the chunk, because compressing all of it twice takes too long.
+bool is_shorter_unshuffled(std::span<const std::byte> raw, const CodecSpec& spec, Packing& state) {
+    std::span<const std::byte> sample = raw;
+    if (raw.size() > kSampledParts * kSampledPart) {
+        state.sample.resize(kSampledParts * kSampledPart);
+        for (std::size_t i = 0; i < kSampledParts; ++i) {
+            const std::size_t element =
+                (raw.size() - kSampledPart) / spec.element_size * i / (kSampledParts - 1);
+            std::memcpy(state.sample.data() + i * kSampledPart,
+                        raw.data() + element * spec.element_size, kSampledPart);
+        }
+        sample = state.sample;
+    }
+    const std::size_t shuffled = pack(sample, spec, state);
+    CodecSpec plain = spec;
+    plain.shuffle = false;
+    constexpr std::size_t kGain = 16;
+    return pack(sample, plain, state) < shuffled - shuffled / kGain;
+}
+
+}  // namespace
+
+void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
+                  std::vector<std::byte>& out) {
+    auto& state = thread_state<Packing>();
+    const std::size_t size = pack(raw, spec, state);
     out.assign(state.packed.begin(), state.packed.begin() + static_cast<std::ptrdiff_t>(size));
+}
+
+bool encode_shorter(std::span<const std::byte> raw, const CodecSpec& spec,
+                    std::vector<std::byte>& out) {
+    CodecSpec chosen = spec;
+    chosen.shuffle = spec.shuffle && (raw.size() < kLeastChosen ||
+                                      !is_shorter_unshuffled(raw, spec, thread_state<Packing>()));
+    encode_chunk(raw, chosen, out);
+    return spec.shuffle && !chosen.shuffle;
 }
 
 void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
@@ -192,8 +236,8 @@ std::size_t codec_heap(std::size_t chunk_bytes, int level) {
     const std::size_t shuffled = chunk_bytes;
     const std::size_t packed = chunk_bytes;
     const ZSTD_compressionParameters parameters = ZSTD_getCParams(level, chunk_bytes, 0);
-    return shuffled + packed + ZSTD_estimateCCtxSize_usingCParams(parameters) +
-           ZSTD_estimateDCtxSize();
+    return shuffled + packed + kSampledParts * kSampledPart +
+           ZSTD_estimateCCtxSize_usingCParams(parameters) + ZSTD_estimateDCtxSize();
 }
 
 std::size_t decode_heap(std::size_t chunk_bytes) {

@@ -64,6 +64,11 @@ struct CodecSpec {
 void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
                   std::vector<std::byte>& out);
 
+/// The same, but without the shuffle if that makes the chunk notably shorter; returns whether it
+/// left the shuffle out. Depends on `raw` and `spec` alone.
+[[nodiscard]] bool encode_shorter(std::span<const std::byte> raw, const CodecSpec& spec,
+                                  std::vector<std::byte>& out);
+
 /// Decompresses one stored chunk into `raw`, which has exactly the size of the chunk. `place`: of
 /// the chunk, for the error. Throws Error{corrupt}. Thread-safe.
 void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
@@ -74,6 +79,11 @@ void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
 /// Reverts HDF5's shuffle of elements of `size` bytes (2, 4 or 8). REQUIRES: from.size() is a
 /// multiple of `size`, and `to` has as many bytes.
 void unshuffle(std::span<const std::byte> from, std::byte* to, std::size_t size);
+
+/// Parts of a chunk that are compressed both ways, to choose one; and bytes of a part, a multiple
+/// of the sizes of elements.
+inline constexpr std::size_t kSampledParts = 4;
+inline constexpr std::size_t kSampledPart = 8192;
 
 /// Maximum heap of one thread's contexts and buffers for chunks of `chunk_bytes`.
 std::size_t codec_heap(std::size_t chunk_bytes, int level);

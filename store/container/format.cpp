@@ -160,6 +160,7 @@ StoreLayout::StoreLayout(const StoreHeader& header) : header_(header) {
         values.grid = ceil_div(values.nodes, values.chunk);
         values.first_row = rows_;
         values.codec = {value_size, value_size > 1, header_.compression};
+        values.skips_shuffle = header_.skips_shuffle && values.codec.shuffle;
         rows_ += static_cast<std::uint64_t>(values.grid.product());
         arrays_.push_back(values);
         if (level == 0) {
@@ -176,6 +177,7 @@ StoreLayout::StoreLayout(const StoreHeader& header) : header_(header) {
             indicator.chunk = min(values.nodes, {k / 2, k / 2, k / 2});
             indicator.grid = ceil_div(values.nodes, indicator.chunk);
             indicator.codec = {code_size, true, header_.compression};
+            indicator.skips_shuffle = header_.skips_shuffle;
             const Field source = level == 1 ? source_at_level_1(field) : field;
             if (source != field && has(source)) {
                 indicator.alias = true;

@@ -101,6 +101,8 @@ inline constexpr std::uint32_t kHasDirection = 1;
 inline constexpr std::uint32_t kHasLabels = 2;
 /// Bit of `flags`: the axes in `direction` are not at right angles.
 inline constexpr std::uint32_t kIsSheared = 4;
+/// Bit of `flags`: some chunks are stored without the shuffle; their rows say so.
+inline constexpr std::uint32_t kSkipsShuffle = 32;
 /// Bit of `flags`: the values were rounded before they were stored; the attribute `tolerance` says
 /// by how much.
 inline constexpr std::uint32_t kIsRounded = 64;
@@ -127,6 +129,9 @@ struct StoreHeader {
     bool cube_ranges = true;    ///< since version 2.2
     bool outward = true;        ///< since version 2.3: see StoreLayout::rounds_outward()
     std::vector<Field> fields;  ///< the indicators, in the order of precedes(); own: since 2.12
+    /// Rows of the chunk table may say that a chunk is not shuffled; since version 2.13. False if
+    /// all are shuffled: such a store has a lower version.
+    bool skips_shuffle = true;
     /// Indicators of a newer minor version. They have rows in the chunk table, after those of
     /// `fields` on each level, and are not read.
     std::vector<std::string> unknown_fields = {};
@@ -143,12 +148,12 @@ struct StoreHeader {
         constexpr std::uint32_t kWithoutShear = 10;
         constexpr std::uint32_t kSheared = 11;
         constexpr std::uint32_t kWithOwn = 12;
-        constexpr std::uint32_t kRounded = 13;
+        constexpr std::uint32_t kSkippingOrRounded = 13;
         const bool own = std::any_of(fields.begin(), fields.end(), is_own);
-        return {kFormatMajor, !rounding.none() ? kRounded
-                              : own            ? kWithOwn
-                              : is_sheared()   ? kSheared
-                                               : kWithoutShear};
+        return {kFormatMajor, skips_shuffle || !rounding.none() ? kSkippingOrRounded
+                              : own                             ? kWithOwn
+                              : is_sheared()                    ? kSheared
+                                                                : kWithoutShear};
     }
 };
 
@@ -156,13 +161,15 @@ struct StoreHeader {
 struct ChunkRow {
     std::uint64_t offset = 0;    ///< of the stored bytes, from the start of the file
     std::uint32_t bytes = 0;     ///< stored bytes
-    std::uint32_t flags = 0;     ///< bit 0: the chunk holds missing (non-finite) values; rest 0
+    std::uint32_t flags = 0;     ///< kChunkHasMissing and kChunkUnshuffled
     std::uint64_t checksum = 0;  ///< XXH64 of the stored bytes
     double min = 0;              ///< smallest finite value; for an indicator the smallest
     double max = 0;              ///< largest finite value; for an indicator the largest
 };
 static_assert(sizeof(ChunkRow) == 40);
+/// Flags of a row: the chunk holds missing (non-finite) values; it is stored without the shuffle.
 inline constexpr std::uint32_t kChunkHasMissing = 1;
+inline constexpr std::uint32_t kChunkUnshuffled = 2;
 
 /// One stored array: a field of a level.
 struct ArrayInfo {
@@ -176,7 +183,18 @@ struct ArrayInfo {
     std::uint64_t first_row = 0;  ///< of the chunk table; chunks follow x fastest
     bool alias = false;           ///< the same stored array as another field's (a hard link)
     CodecSpec codec;
+    bool skips_shuffle = false;  ///< rows say which chunks are stored without the shuffle
 
+    /// How this chunk is stored.
+    [[nodiscard]] CodecSpec codec_of(const ChunkRow& row) const {
+        CodecSpec stored = codec;
+        stored.shuffle = codec.shuffle && !(skips_shuffle && (row.flags & kChunkUnshuffled) != 0);
+        return stored;
+    }
+    /// HDF5's filter mask of the chunk: bit 0 stands for the first filter, the shuffle.
+    [[nodiscard]] std::uint32_t filter_mask(const ChunkRow& row) const {
+        return codec.shuffle && !codec_of(row).shuffle ? 1 : 0;
+    }
     [[nodiscard]] std::size_t chunk_bytes() const {
         return static_cast<std::size_t>(chunk.product() * components) * codec.element_size;
     }

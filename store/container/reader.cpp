@@ -128,7 +128,7 @@ void StoreReader::decode(const ArrayInfo& array, const Int3& chunk,
     if (!held) {
         fail_corrupt(array.place(chunk), "damaged: checksum mismatch: its bytes have changed");
     }
-    decode_chunk(held->bytes(), array.codec, raw, {path_.string(), array.place(chunk)});
+    decode_chunk(held->bytes(), array.codec_of(r), raw, {path_.string(), array.place(chunk)});
 }
 
 void StoreReader::prefetch(const ArrayInfo& array, const Int3& chunk) const {

@@ -171,6 +171,11 @@ void StoreWriter::Impl::write_table() const {
             missing |= row.flags & kChunkHasMissing;
         }
     }
+    StoreHeader header = layout.header();
+    header.skips_shuffle = std::any_of(rows.begin(), rows.end(), [](const ChunkRow& row) {
+        return (row.flags & kChunkUnshuffled) != 0;
+    });
+    write_version_and_flags(file.get(), header);
     write_attribute(file.get(), "range", std::vector<double>{low, high});
     write_attribute(file.get(), "has_missing", missing);
     const std::optional<std::uint64_t> digest = header_digest(file.get());
@@ -236,8 +241,8 @@ void StoreWriter::write_chunk(const ArrayInfo& array, const Int3& chunk,
         // index), HDF5 is asked.
         hsize_t end = 0;
         H5Fget_filesize(impl_->file.get(), &end);
-        if (H5Dwrite_chunk(dataset, H5P_DEFAULT, 0, at.data(), encoded.size(), encoded.data()) <
-            0) {
+        if (H5Dwrite_chunk(dataset, H5P_DEFAULT, array.filter_mask(row), at.data(), encoded.size(),
+                           encoded.data()) < 0) {
             impl_->fail("write " + array.place(chunk));
         }
         impl_->written += encoded.size();
@@ -281,8 +286,9 @@ void StoreWriter::plan_chunk(const ArrayInfo& array, const Int3& chunk) {
         impl_->nothing = std::make_unique_for_overwrite<std::byte[]>(row.bytes);
     }
     impl_->planned.drops_raw = true;
-    const bool good = H5Dwrite_chunk(impl_->datasets[index].get(), H5P_DEFAULT, 0, at.data(),
-                                     row.bytes, impl_->nothing.get()) >= 0;
+    const bool good =
+        H5Dwrite_chunk(impl_->datasets[index].get(), H5P_DEFAULT, array.filter_mask(row), at.data(),
+                       row.bytes, impl_->nothing.get()) >= 0;
     impl_->planned.drops_raw = false;
     if (!good) {
         impl_->fail("plan " + array.place(chunk));
@@ -305,7 +311,8 @@ void StoreWriter::decode(const ArrayInfo& array, const Int3& chunk,
         throw Error(ErrorKind::io, {impl_->unfinished.name().string(), array.place(chunk)},
                     fmt::format("cannot read back: {}", std::strerror(errno)));
     }
-    decode_chunk(stored, array.codec, raw, {impl_->unfinished.name().string(), array.place(chunk)});
+    decode_chunk(stored, array.codec_of(row), raw,
+                 {impl_->unfinished.name().string(), array.place(chunk)});
 }
 
 void StoreWriter::write_cube_ranges(int level, std::span<const CubeRange> ranges) {

@@ -192,7 +192,7 @@ bool is_of_cells(Field field) {
 }
 
 const std::vector<Field>& default_indicators() {
-    static const std::vector<Field> fields{Field::linf_bar, Field::linf_plus, Field::deviation_bar};
+    static const std::vector<Field> fields{Field::linf_plus, Field::deviation_bar};
     return fields;
 }
 

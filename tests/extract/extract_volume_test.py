@@ -246,7 +246,7 @@ class AnyOption(Case):
                                 (["--error", "2", "--view", "1,0,0", "--cull-by", "grad_linf_plus"], "grad_linf_plus"),
                                 (["--stop", "normal_bar", "--threshold", "0.2"], "normal_bar")):
             self.works("preprocess", self.volume, "-o", self.store, "--force", "--indicators",
-                       f"linf_bar,linf_plus,deviation_bar,{fields}")
+                       f"linf_plus,deviation_bar,{fields}")
             with self.subTest(options=options):
                 self.assertEqual(self.both(options), (0, True))
 

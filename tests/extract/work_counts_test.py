@@ -63,7 +63,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-counts-") as name:
                      str(counts["bytes_read"])])
 
     for volume in VOLUMES:
-        iso = store(*volume)
+        iso = store(*volume, "--indicators", "linf_bar,linf_plus,deviation_bar")
         for error in ERRORS:
             query(f"extract --iso ISO {error}", iso, *volume)
     for volume in [("bucky", "97", "uint16", "16"), ("noise", "60,70,50", "uint8", "32")]:

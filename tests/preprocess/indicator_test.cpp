@@ -39,7 +39,7 @@ struct Comparison {
 /// `above`: how far a stored value may exceed the exact one, relatively.
 template <class T>
 Comparison compare(FunctionVolume<T>& volume, int chunk, bool exact, double above,
-                   const std::vector<Field>& fields = default_indicators()) {
+                   const std::vector<Field>& fields = with_chunk(8).fields) {
     const TemporaryFolder folder;
     PreprocessOptions options = with_chunk(chunk, exact);
     options.fields = fields;
@@ -103,7 +103,7 @@ Comparison compare(FunctionVolume<T>& volume, int chunk, bool exact, double abov
 
 template <class T>
 void require_agreement(const Int3& n, int chunk, const std::function<T(const Int3&)>& f,
-                       const std::vector<Field>& fields = default_indicators(),
+                       const std::vector<Field>& fields = with_chunk(8).fields,
                        const Double3& spacing = {1, 1, 1}) {
     CAPTURE(n.x, n.y, n.z, chunk);
     for (const bool exact : {true, false}) {

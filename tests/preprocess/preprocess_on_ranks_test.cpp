@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <catch2/catch.hpp>
+#include <cmath>
 #include <memory>
 #include <numeric>
 #include <string>
@@ -15,6 +16,7 @@
 #include <isonest/memory_volume.h>
 
 #include "preprocess/ranks/pencils.h"
+#include "store/container/reader.h"
 #include "tests/support/rank_runs.h"
 #include "tests/support/test_support.h"
 #include "tests/support/thread_ranks.h"
@@ -175,6 +177,22 @@ TEST_CASE("any number of ranks writes the bytes of one process, for all types") 
                                       with_chunk(8), {3, 7});
     require_same_bytes<double>(nodes, [&](const Int3& p) { return smooth(p) + noise(p); },
                                with_chunk(8), {3, 7});
+}
+
+TEST_CASE(
+    "any number of ranks writes the bytes of one process, with chunks that are not shuffled") {
+    const Int3 nodes{27, 50, 68};
+    const auto few = [](const Int3& p) {  // 8 bits in 32, in a half of the volume
+        return p.y < 24 ? static_cast<float>(std::floor(200 * noise(p)) / 255) : rough(p);
+    };
+    const TemporaryFolder folder;
+    FunctionVolume<float> volume(nodes, few);
+    make_store(volume, folder / "s", with_chunk(8));
+    const StoreReader store(folder / "s");
+    const ArrayInfo& values = store.layout().array(0, Field::values);
+    CHECK((store.row(values, {0, 0, 0}).flags & kChunkUnshuffled) != 0);
+    CHECK((store.row(values, {0, values.grid.y - 1, 0}).flags & kChunkUnshuffled) == 0);
+    require_same_bytes<float>(nodes, few, with_chunk(8), {3, 7});
 }
 
 TEST_CASE("any number of ranks writes the bytes of one process, with missing values") {

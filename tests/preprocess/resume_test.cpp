@@ -4,10 +4,12 @@
 #include <hdf5.h>
 
 #include <catch2/catch.hpp>
+#include <cmath>
 
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
 
+#include "store/container/reader.h"
 #include "store/files/output_file.h"
 #include "tests/support/test_support.h"
 
@@ -99,6 +101,21 @@ TEST_CASE("a run interrupted anywhere and resumed gives the same bytes, and leav
         std::filesystem::remove(folder / "s");
     }
     CHECK(most > 500);
+}
+
+TEST_CASE("a resumed run keeps chunks that are not shuffled") {
+    FunctionVolume<float> volume({70, 41, 75}, [](const Int3& p) {  // 8 bits in 32
+        return static_cast<float>(std::floor(200 * noise(p)) / 255);
+    });
+    const TemporaryFolder folder;
+    make_store(volume, folder / "whole", with_chunk(8));
+    REQUIRE(interrupted(volume, folder / "s", 60, resuming()));
+    const PreprocessReport r = preprocess(volume, folder / "s", resuming(), silent_progress());
+    CHECK(r.resumed_chunks > 50);
+    CHECK(read_file(folder / "s") == read_file(folder / "whole"));
+    const StoreReader store(folder / "s");
+    const ArrayInfo& values = store.layout().array(0, Field::values);
+    CHECK((store.row(values, {0, 0, 0}).flags & kChunkUnshuffled) != 0);
 }
 
 TEST_CASE("a run that is interrupted repeatedly completes in the end") {

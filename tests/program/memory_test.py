@@ -159,9 +159,9 @@ def check_chunks(folder, volume, chunk):
         ["extract", store, "--iso", 0.1, "-o", mesh, "--error-relative", 0.03, "--box",
          "10,10,10,70,60,60"],
         ["check", store, "--deep", "--source", volume],
-        ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_bar", "--iso", 0.5],
+        ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_plus", "--iso", 0.5],
         ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "lp:3_bar", "--norm", 3],
-        ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_bar", "--plane", "1,2,3,300"]]
+        ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_plus", "--plane", "1,2,3,300"]]
     for command in slow if ALL or chunk == COMMON else []:
         check(command, BUDGETS if ALL else BUDGETS[:1])
 

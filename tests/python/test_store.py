@@ -85,7 +85,7 @@ def test_indicators_are_those_that_export_writes(store, tmp_path):
     with pytest.raises(ValueError):
         store.indicator("no such")
     with pytest.raises(IndexError):
-        store.indicator("linf_bar", 99)
+        store.indicator("linf_plus", 99)
 
 
 def test_the_histogram_counts_every_value_once(store, noise, tmp_path):
@@ -111,7 +111,7 @@ def test_the_cubes_of_the_histogram_are_those_of_the_surface(store, noise):
 def test_properties_of_a_store(store, noise, store_path):
     assert store.path == store_path and store.file_bytes == store_path.stat().st_size
     assert store.range == (noise.min(), noise.max()) and not store.has_missing
-    assert store.indicators == ["linf_bar", "linf_plus", "deviation_bar"]
+    assert store.indicators == ["linf_plus", "deviation_bar"]
     assert "40, 33, 27" in repr(store) and "float32" in repr(store)
     isonest.preprocess(np.full((3, 4, 5), np.nan), store_path.parent / "nan")
     assert isonest.open(store_path.parent / "nan").range is None

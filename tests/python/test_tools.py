@@ -95,7 +95,7 @@ def test_exported_values_and_indicators(store, store_path, noise, tmp_path):
 
 
 def test_a_study_has_the_programs_table(store, store_path, tmp_path):
-    fields = ["linf_bar", "deviation_bar", "lp:3_bar"]
+    fields = ["linf_plus", "deviation_bar", "lp:3_bar"]
     study = store.study(fields, norm=2, graph_distance=True, steps=4, least=0.01)
     run("study", store_path, "--fields", ",".join(fields), "--norm", "2", "--graph-distance", "--steps", "4",
         "--least", "0.01", "--out", tmp_path / "study")

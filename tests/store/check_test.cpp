@@ -48,8 +48,8 @@ class Forger {
     void store(const ArrayInfo& array, const Int3& chunk, const std::vector<std::byte>& bytes) {
         const DatasetHandle data = open(array);
         const auto at = place(array, chunk);
-        REQUIRE(H5Dwrite_chunk(data.get(), H5P_DEFAULT, 0, at.data(), bytes.size(), bytes.data()) >=
-                0);
+        REQUIRE(H5Dwrite_chunk(data.get(), H5P_DEFAULT, array.filter_mask(row(array, chunk)),
+                               at.data(), bytes.size(), bytes.data()) >= 0);
     }
     /// The same, and updates the table.
     void put(const ArrayInfo& array, const Int3& chunk, const std::vector<std::byte>& bytes) {
@@ -70,11 +70,11 @@ class Forger {
                                                  const std::function<void(std::span<float>)>& f) {
         std::vector<float> elements(array.chunk_bytes() / sizeof(float));
         const ChunkRow& r = row(array, chunk);
-        decode_chunk(std::as_bytes(std::span(bytes_)).subspan(r.offset, r.bytes), array.codec,
+        decode_chunk(std::as_bytes(std::span(bytes_)).subspan(r.offset, r.bytes), array.codec_of(r),
                      std::as_writable_bytes(std::span(elements)), {"test"});
         f(elements);
         std::vector<std::byte> out;
-        encode_chunk(std::as_bytes(std::span(elements)), array.codec, out);
+        encode_chunk(std::as_bytes(std::span(elements)), array.codec_of(r), out);
         return out;
     }
     /// Changes a chunk, and updates the table with its new contents.

@@ -42,7 +42,7 @@ class Store:
         assert whole == size
         catalogue = tail[begin - size:begin - size + count] if begin >= size - len(tail) else read(begin, count)
         assert sum_of(catalogue) == digest
-        self.attributes, self.ranges, self.names, self.pages = {}, {}, None, {}
+        self.attributes, self.ranges, self.names, self.pages, self.unshuffled = {}, {}, None, {}, False
         while catalogue:
             tag, detail, count = struct.unpack_from("<IIQ", catalogue)
             content, catalogue = catalogue[16:16 + count], catalogue[16 + -(-count // 8) * 8:]
@@ -119,7 +119,10 @@ class Store:
             size = int(np.prod(chunk + slots)) * kind.itemsize
             raw = ctypes.create_string_buffer(size)
             assert zstd.ZSTD_decompress(raw, size, stored, len(stored)) == size
-            data = np.frombuffer(raw.raw, "u1").reshape(kind.itemsize, -1).T.tobytes()  # undoes the shuffle
+            data = raw.raw
+            if not (int(self.attribute("flags")[0]) & 32 and row["flags"] & 2):
+                data = np.frombuffer(data, "u1").reshape(kind.itemsize, -1).T.tobytes()  # undoes the shuffle
+            self.unshuffled |= kind.itemsize > 1 and int(row["flags"]) & 2 > 0
             out[tuple(slice(a * c, a * c + c) for a, c in zip(at, chunk))] = np.frombuffer(data, kind).reshape(chunk + slots)
         out = out[tuple(slice(s) for s in shape)]
         return (out.astype("<u4") << 16).view("<f4") if kind == "<u2" and name != "values" else out
@@ -164,7 +167,8 @@ def by_footer(path):
             assert size == sum(int(r["bytes"]) for r in rows)
             assert (low, high) == (min(r["min"] for r in rows), max(r["max"] for r in rows))
     assert not any("h5py" in name for name in sys.modules)
-    return found
+    assert store.unshuffled == (int(store.attribute("flags")[0]) & 32 > 0)
+    return found, store.unshuffled
 
 
 def by_hdf5(path):
@@ -197,6 +201,7 @@ with tempfile.TemporaryDirectory() as folder:
     holes[3, 4, 5:9] = np.nan
     pathlib.Path(f"{folder}/names.txt").write_text('3 Übergang 255 0 10 255\n4 b\n')
     volumes = {
+        "eight bits": ((rng.integers(0, 200, (37, 30, 45)) / 255).astype("<f4"), ["--chunk", "16"]),
         "floats": (rng.random((37, 30, 45)).astype("<f4"), ["--chunk", "16", "--unit", "mm", "--frame", "lps", "--spacing", "1,2,0.5"]),
         "labels": (labels, ["--chunk", "8", "--labels", "--label-names", f"{folder}/names.txt"]),
         "many": (rng.integers(-900, 900, (70, 66, 61)).astype("<i2"), ["--chunk", "8", "--indicators", "linf_bar"]),
@@ -208,7 +213,9 @@ with tempfile.TemporaryDirectory() as folder:
         done = served.run([isonest, "preprocess", f"{folder}/{name}.npy", "-o", store, *options],
                           capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
-        found = json.loads(json.dumps(by_footer(store)))
+        found, unshuffled = by_footer(store)
+        found = json.loads(json.dumps(found))
+        assert unshuffled or name != "eight bits", name
         assert found["arrays"]["0/values"] == json.loads(json.dumps(digest(values))), name
         done = subprocess.run([sys.executable, __file__, "--hdf5", store], capture_output=True, text=True,
                               env={**os.environ, "HDF5_PLUGIN_PATH": plugins})

@@ -298,6 +298,7 @@ inline PreprocessOptions with_chunk(int chunk, bool exact = false) {
     PreprocessOptions options;
     options.chunk = chunk;
     options.exact = exact;
+    options.fields = {Field::linf_bar, Field::linf_plus, Field::deviation_bar};
     return options;
 }
 

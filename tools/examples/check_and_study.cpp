@@ -22,7 +22,9 @@ int main() {
                     0.05F * (static_cast<float>(random() % 2001) / 1000 - 1));
     }
     isonest::MemoryVolume volume(u.data(), {33, 33, 33});
-    isonest::preprocess(volume, "step.isonest", {.force = true});
+    isonest::preprocess(
+        volume, "step.isonest",
+        {.force = true, .fields = {isonest::Field::linf_bar, isonest::Field::deviation_bar}});
     const isonest::Store store("step.isonest");
 
     const isonest::CheckReport good = isonest::check(store, {.source = &volume});

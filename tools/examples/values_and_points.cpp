@@ -31,7 +31,7 @@ int main() {
     // A coarse grid has a linear function without error.
     const isonest::Int3 nodes = isonest::nodes_of_level(store, 0);
     std::vector<double> eta(static_cast<std::size_t>(nodes.product()));
-    isonest::read_indicator(store, isonest::Field::linf_bar, 0, {{}, nodes}, eta);
+    isonest::read_indicator(store, isonest::Field::deviation_bar, 0, {{}, nodes}, eta);
     double largest = 0;
     for (const double e : eta) {
         largest = std::fmax(largest, e);

@@ -31,7 +31,8 @@ struct Hdf5View::Impl {
     std::string opened;  ///< the dataset's name
     DatasetHandle dataset;
 
-    std::string read(const ArrayInfo& array, const Int3& chunk, std::vector<std::byte>& out);
+    std::string read(const ArrayInfo& array, const Int3& chunk, const ChunkRow& row,
+                     std::vector<std::byte>& out);
     [[nodiscard]] std::string vtk_fault(const StoreHeader& header) const;
 };
 
@@ -45,16 +46,16 @@ Hdf5View::Hdf5View(const StoreBytes& bytes) : impl_(std::make_unique<Impl>()) {
 
 Hdf5View::~Hdf5View() = default;
 
-std::string Hdf5View::read(const ArrayInfo& array, const Int3& chunk,
+std::string Hdf5View::read(const ArrayInfo& array, const Int3& chunk, const ChunkRow& row,
                            std::vector<std::byte>& out) const {
-    return reading(impl_->file.get(), [&] { return impl_->read(array, chunk, out); });
+    return reading(impl_->file.get(), [&] { return impl_->read(array, chunk, row, out); });
 }
 
 std::string Hdf5View::vtk_fault(const StoreHeader& header) const {
     return reading(impl_->file.get(), [&] { return impl_->vtk_fault(header); });
 }
 
-std::string Hdf5View::Impl::read(const ArrayInfo& array, const Int3& chunk,
+std::string Hdf5View::Impl::read(const ArrayInfo& array, const Int3& chunk, const ChunkRow& row,
                                  std::vector<std::byte>& out) {
     const QuietHdf5 quiet;
     const std::string name = StoreLayout::path_of(array);
@@ -85,7 +86,11 @@ std::string Hdf5View::Impl::read(const ArrayInfo& array, const Int3& chunk,
     if (H5Dread_chunk(data, H5P_DEFAULT, at.data(), &skipped_filters, out.data()) < 0) {
         return "HDF5 cannot read the chunk: " + hdf5_message();
     }
-    return skipped_filters == 0 ? "" : "a filter of the chunk is marked as skipped";
+    if (skipped_filters == array.filter_mask(row)) {
+        return {};
+    }
+    return skipped_filters == 0 ? "HDF5 undoes a shuffle that the table says was not done"
+                                : "HDF5 skips a filter that the table says was applied";
 }
 
 std::optional<std::vector<std::byte>> Hdf5View::catalogue(const StoreLayout& layout,

@@ -22,9 +22,10 @@ class Hdf5View {
     Hdf5View& operator=(const Hdf5View&) = delete;
     ~Hdf5View();
 
-    /// Reads the stored bytes of a chunk. Returns what is wrong, or an empty text. The chunk may
-    /// have at most ArrayInfo::max_stored_bytes().
-    std::string read(const ArrayInfo& array, const Int3& chunk, std::vector<std::byte>& out) const;
+    /// Reads the stored bytes of a chunk with this row. Returns what is wrong, or an empty text.
+    /// The chunk may have at most ArrayInfo::max_stored_bytes().
+    std::string read(const ArrayInfo& array, const Int3& chunk, const ChunkRow& row,
+                     std::vector<std::byte>& out) const;
 
     /// The catalogue that the store should have: see make_catalogue().
     [[nodiscard]] std::optional<std::vector<std::byte>> catalogue(

@@ -21,7 +21,9 @@ void write_array(hid_t object, const char* name, hid_t file_type, hid_t memory_t
                  const void* data, hsize_t count, bool scalar) {
     const SpaceHandle space(scalar ? H5Screate(H5S_SCALAR) : H5Screate_simple(1, &count, nullptr));
     const AttributeHandle attribute(
-        H5Acreate2(object, name, file_type, space.get(), H5P_DEFAULT, H5P_DEFAULT));
+        H5Aexists(object, name) > 0
+            ? H5Aopen(object, name, H5P_DEFAULT)
+            : H5Acreate2(object, name, file_type, space.get(), H5P_DEFAULT, H5P_DEFAULT));
     if (!attribute.valid() || H5Awrite(attribute.get(), memory_type, data) < 0) {
         throw Error(ErrorKind::io, fmt::format("cannot write the attribute {} of a store: {}", name,
                                                hdf5_message()));

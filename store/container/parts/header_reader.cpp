@@ -167,7 +167,7 @@ class Reader {
         }
         const std::uint64_t known =
             out_.version >= FormatVersion{2, 13}
-                ? kHasDirection | kHasLabels | kIsSheared | kIsRounded
+                ? kHasDirection | kHasLabels | kIsSheared | kSkipsShuffle | kIsRounded
             : out_.version >= FormatVersion{2, 11} ? kHasDirection | kHasLabels | kIsSheared
             : out_.version >= FormatVersion{2, 6}  ? kHasDirection | kHasLabels
             : out_.version >= FormatVersion{2, 5}  ? kHasDirection
@@ -179,6 +179,7 @@ class Reader {
         turned_ = ((*flags)[0] & kHasDirection) != 0;
         sheared_ = ((*flags)[0] & kIsSheared) != 0;
         out_.header.labels = ((*flags)[0] & kHasLabels) != 0;
+        out_.header.skips_shuffle = ((*flags)[0] & kSkipsShuffle) != 0;
         rounded_ = ((*flags)[0] & kIsRounded) != 0;
     }
 

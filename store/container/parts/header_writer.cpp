@@ -33,18 +33,22 @@ std::vector<double> vtk_direction(const Directions& direction) {
     return rows;
 }
 
-void write_header(hid_t root, const StoreHeader& header) {
-    write_attribute(root, "format", std::string(kFormatName));
+void write_version_and_flags(hid_t root, const StoreHeader& header) {
     const FormatVersion version = header.version();
     write_attribute(root, "version",
                     std::vector<std::uint32_t>{static_cast<std::uint32_t>(version.major),
                                                static_cast<std::uint32_t>(version.minor)});
-    const bool turned = header.direction != kAlongWorld;
     write_attribute(root, "flags",
-                    (turned ? kHasDirection : std::uint32_t{0}) |
+                    (header.direction != kAlongWorld ? kHasDirection : std::uint32_t{0}) |
                         (header.labels ? kHasLabels : std::uint32_t{0}) |
                         (header.is_sheared() ? kIsSheared : std::uint32_t{0}) |
+                        (header.skips_shuffle ? kSkipsShuffle : std::uint32_t{0}) |
                         (header.rounding.none() ? std::uint32_t{0} : kIsRounded));
+}
+
+void write_header(hid_t root, const StoreHeader& header) {
+    write_attribute(root, "format", std::string(kFormatName));
+    write_version_and_flags(root, header);
     write_attribute(root, "nodes",
                     std::vector<std::uint64_t>{static_cast<std::uint64_t>(header.nodes.x),
                                                static_cast<std::uint64_t>(header.nodes.y),
@@ -62,7 +66,7 @@ void write_header(hid_t root, const StoreHeader& header) {
         fields += (fields.empty() ? "" : ",") + std::string(name_of(field));
     }
     write_attribute(root, "fields", fields);
-    if (turned) {
+    if (header.direction != kAlongWorld) {
         write_attribute(root, "direction", flat_directions(header.direction));
         write_attribute(root, "direction_xxh64", direction_digest(header.direction));
     }

@@ -15,8 +15,11 @@
 
 namespace isonest::detail {
 
-/// Writes the attributes of the root group that are known before any chunk. Throws Error{io}.
+/// Writes the attributes of the root group that are known before any chunk; the version and the
+/// flags as if some chunks were not shuffled. Throws Error{io}.
 void write_header(hid_t root, const StoreHeader& header);
+/// Writes these two again. Throws Error{io}.
+void write_version_and_flags(hid_t root, const StoreHeader& header);
 
 /// Writes the attributes of the group /VTKHDF, which tell ParaView the position of the image.
 /// Throws Error{io}.

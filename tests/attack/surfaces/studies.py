@@ -57,7 +57,7 @@ def study(one):
     sizes = (one.pick(3, 3, 5, 5, 5, 9) if one.chance(0.3) else 3,) * 3
     base = volumes.SHAPES[volume.what](one, sizes)
     volume.u = np.rint(base * one.pick(1, 10, 100)).astype("i4") if one.chance(0.5) else base.astype("f4")
-    store = store_of(one, volume, exact=True)
+    store = store_of(one, volume, exact=True, indicators=["linf_bar", "linf_plus", "deviation_bar"])
     name = one.pick("deviation_bar", "linf_plus", "linf_bar")
     rows = [r for r in ask(one, store.study, [name], steps=int(one.random.integers(2, 6))).rows if r.field == name]
     path = one.folder / "field.npy"

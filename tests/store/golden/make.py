@@ -23,7 +23,7 @@ ISONEST = sys.argv[1]
 VOLUMES = {"": ("volume.raw", (9, 8, 7), "int16"), "-flat": ("flat.raw", (9, 8, 1), "float32"),
            "-tiny": ("tiny.raw", (3, 3, 3), "uint8"), "-turned": ("turned.nhdr", None, None),
            "-named": ("tiny.raw", (3, 3, 3), "uint8"), "-framed": ("tiny.raw", (3, 3, 3), "uint8"),
-           "-own": ("tiny.raw", (3, 3, 3), "uint8")}
+           "-own": ("tiny.raw", (3, 3, 3), "uint8"), "-unshuffled": ("eight.raw", (9, 8, 7), "float32")}
 # Of the labels of "-named": as FORMAT.md, section 3, has them.
 NAMES = "0 background\n13 Übergang 255 0 10 255\n26 end 1 2 3\n900 nowhere\n"
 # The same numbers as volume.raw, on axes that are not along the world's.
@@ -52,7 +52,9 @@ def make_volumes():
     z, y, x = np.mgrid[0:7, 0:8, 0:9]
     numbers = {"volume.raw": (40 * np.hypot(np.hypot(x - 4, y - 3), z - 3) + 7 * (x * y * z % 5)).astype("<i2"),
                "flat.raw": (np.sin(x[0]) * 10 + y[0] ** 2).astype("<f4"),
-               "tiny.raw": np.arange(27, dtype=np.uint8)}
+               "tiny.raw": np.arange(27, dtype=np.uint8),
+               # Of 8 bits: some chunks are shorter without the shuffle.
+               "eight.raw": (np.random.default_rng(8).integers(0, 50, (7, 8, 9)) / 255).astype("<f4")}
     numbers["flat.raw"][7, 8] = np.nan
     for name, values in numbers.items():
         if not (HERE / name).exists():
@@ -79,6 +81,8 @@ def make_good(version):
         if suffix == "-framed" and "--frame" not in help_text:  # from 2.10 on
             continue
         if suffix == "-own" and "--own" not in help_text:  # from 2.12 on
+            continue
+        if suffix == "-unshuffled" and tuple(map(int, version.split("."))) < (2, 13):
             continue
         if suffix == "-own":
             command += ["--own", f"size={HERE / 'own.npy'}"]

@@ -1,0 +1,84 @@
+// Whether a chunk is stored with or without the shuffle.
+#include "store/container/codec.h"
+
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cstddef>
+#include <cstring>
+#include <random>
+#include <span>
+#include <vector>
+
+namespace isonest::detail {
+namespace {
+
+enum class Kind { few_values, noise_in_low_bits, constant };
+
+/// `count` elements of `size` bytes. Of 200 values that use all bytes, zstd finds the whole
+/// elements again. Of noise in the low byte, only the shuffle separates the high bytes.
+std::vector<std::byte> elements(Kind kind, std::size_t count, std::size_t size) {
+    std::mt19937_64 random(static_cast<unsigned>(count * 8 + size));
+    std::vector<std::uint64_t> values(200);
+    std::generate(values.begin(), values.end(), random);
+    std::vector<std::byte> out(count * size);
+    for (std::size_t i = 0; i < count; ++i) {
+        const std::uint64_t value = kind == Kind::constant     ? 7
+                                    : kind == Kind::few_values ? values.at(random() % values.size())
+                                                               : (i / 500) << 8U | random() % 256;
+        std::memcpy(out.data() + i * size, &value, size);
+    }
+    return out;
+}
+
+TEST_CASE("a chunk is stored without the shuffle where that is shorter, and decodes either way") {
+    for (const std::size_t size : {2U, 4U, 8U}) {
+        // Within the sampled parts, as many, and beyond, where the parts lie apart.
+        for (const std::size_t count : {std::size_t{1}, std::size_t{512}, std::size_t{4096},
+                                        kSampledParts * kSampledPart / size, std::size_t{50021}}) {
+            for (const Kind kind : {Kind::few_values, Kind::noise_in_low_bits, Kind::constant}) {
+                CAPTURE(size, count, static_cast<int>(kind));
+                const std::vector<std::byte> raw = elements(kind, count, size);
+                const CodecSpec spec{size, true, 1};
+                std::vector<std::byte> stored;
+                const bool plain = encode_shorter(raw, spec, stored);
+                CodecSpec as_stored = spec;
+                as_stored.shuffle = !plain;
+                std::vector<std::byte> decoded(raw.size());
+                decode_chunk(stored, as_stored, decoded, {"test"});
+                CHECK(decoded == raw);
+
+                std::vector<std::byte> again;
+                encode_chunk(raw, as_stored, again);
+                CHECK(again == stored);
+                CodecSpec other = spec;
+                other.shuffle = plain;
+                encode_chunk(raw, other, again);
+                // Close calls keep the shuffle.
+                CHECK(stored.size() <= again.size() + again.size() / 8 + 16);
+                if (raw.size() < 1024) {
+                    CHECK_FALSE(plain);
+                }
+                if (count >= 4096 && size > 2 && kind == Kind::few_values) {
+                    CHECK(plain);
+                }
+                if (count >= 4096 && kind == Kind::noise_in_low_bits) {
+                    CHECK_FALSE(plain);
+                }
+            }
+        }
+    }
+}
+
+TEST_CASE("elements of one byte, and chunks that must not be shuffled, have no choice") {
+    const std::vector<std::byte> raw = elements(Kind::few_values, 5000, 1);
+    for (const CodecSpec& spec : {CodecSpec{1, false, 1}, CodecSpec{4, false, 1}}) {
+        std::vector<std::byte> stored;
+        CHECK_FALSE(encode_shorter(raw, spec, stored));
+        std::vector<std::byte> expected;
+        encode_chunk(raw, spec, expected);
+        CHECK(stored == expected);
+    }
+}
+
+}  // namespace
+}  // namespace isonest::detail
