@@ -8,6 +8,7 @@
 #include <cstring>
 #include <limits>
 #include <type_traits>
+#include <vector>
 
 #include "preprocess/sources/wrapping/wrapped_source.h"
 
@@ -42,7 +43,15 @@ T rounded_number(T value, double step) {
 class RoundedSource : public WrappedSource {
   public:
     RoundedSource(VolumeSource& inner, const DataRounding& rounding)
-        : WrappedSource(inner), rounding_(rounding), given_(inner.describe()) {}
+        : WrappedSource(inner), rounding_(rounding), given_(inner.describe()) {
+        if (const std::size_t size = size_of(given_.type); size <= 2) {
+            for (std::uint32_t bits = 0; bits < 1U << (8 * size); ++bits) {
+                table_.push_back(static_cast<std::uint16_t>(bits));
+                round_values(given_.type, rounding_, 1,
+                             reinterpret_cast<std::byte*>(&table_.back()));
+            }
+        }
+    }
 
     [[nodiscard]] std::string identity() const override {
         return identity_and(fmt::format("rounded to multiples of {}", rounding_.step));
@@ -50,13 +59,30 @@ class RoundedSource : public WrappedSource {
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         inner_source().read(z0, nz, y0, ny, dst);
-        round_values(given_.type, rounding_, static_cast<std::size_t>(nz * ny * given_.nodes.x),
-                     dst);
+        const auto count = static_cast<std::size_t>(nz * ny * given_.nodes.x);
+        if (size_of(given_.type) == 1) {
+            look_up<std::uint8_t>(count, dst);
+        } else if (size_of(given_.type) == 2) {
+            look_up<std::uint16_t>(count, dst);
+        } else {
+            round_values(given_.type, rounding_, count, dst);
+        }
     }
 
   private:
+    template <class Bits>
+    void look_up(std::size_t count, std::byte* values) const {
+        for (std::size_t i = 0; i < count; ++i) {
+            Bits bits;
+            std::memcpy(&bits, values + i * sizeof(bits), sizeof(bits));
+            bits = static_cast<Bits>(table_[bits]);
+            std::memcpy(values + i * sizeof(bits), &bits, sizeof(bits));
+        }
+    }
+
     DataRounding rounding_;
     VolumeDescription given_;
+    std::vector<std::uint16_t> table_;  ///< of values of one or two bytes, by their bits
 };
 
 }  // namespace
