@@ -20,7 +20,7 @@ import time
 
 import needs
 
-needs.require(needs.module("numpy"), needs.module("h5py"), needs.program("zfp"), needs.program("zstd"))
+needs.require(needs.module("numpy"), needs.module("h5py"), needs.tool("zfp"), needs.tool("zstd"))
 import numpy as np
 
 PARTS = (0.005, 0.01)
