@@ -24,8 +24,12 @@ namespace {
 
 constexpr double kMedianOfNormal = 0.6745;  ///< of the absolute value, for a deviation of 1
 constexpr double kPartOfNoise = 0.5;
-/// Fewer say nothing about the noise.
-constexpr std::uint64_t kMinStencils = 1000;
+/// Fewer differences say nothing about the noise. In a volume that is nearly empty, most of them
+/// are at the borders of thin structures.
+constexpr std::uint64_t kMinDifferences = 1000;
+constexpr double kMinShare = 0.1;
+/// Below this part of the range it is rounding rather than noise.
+constexpr double kMinNoise = 1e-5;
 
 /// Counts positive numbers by the upper 16 bits of their binary32, so to within 1 %, in a fixed
 /// amount of memory.
@@ -63,7 +67,7 @@ class Differences {
         }
         scale_ = 1 / std::sqrt(squares);
     }
-    /// At every second value. Where all values are equal there is no signal at all (the background
+    /// At every second value. Where all values are equal there was no measurement (the background
     /// of a masked volume), so these say nothing about the noise.
     template <class T>
     void add(const std::vector<T>& row) {
@@ -74,6 +78,7 @@ class Differences {
                 sum += weights_[k] * static_cast<double>(row[i + k]);
                 constant = constant && row[i + k] == row[i];
             }
+            ++seen_;
             if (!constant && std::isfinite(sum)) {
                 magnitudes_.add(std::fabs(sum) * scale_);
             }
@@ -81,13 +86,17 @@ class Differences {
     }
     /// Infinite if there are too few.
     [[nodiscard]] double noise() const {
-        return magnitudes_.all() < kMinStencils ? std::numeric_limits<double>::infinity()
-                                                : magnitudes_.median() / kMedianOfNormal;
+        const auto all = static_cast<double>(magnitudes_.all());
+        const bool enough =
+            magnitudes_.all() >= kMinDifferences && all >= kMinShare * static_cast<double>(seen_);
+        return enough ? magnitudes_.median() / kMedianOfNormal
+                      : std::numeric_limits<double>::infinity();
     }
 
   private:
     std::array<double, kCount> weights_;
     double scale_ = 1;
+    std::uint64_t seen_ = 0;
     Magnitudes magnitudes_;
 };
 
@@ -235,7 +244,8 @@ ValueSurvey survey_values(VolumeSource& source, const ValueTolerance& tolerance,
             }
         }
     });
-    survey.noise = noise.estimate();
+    const double found = noise.estimate();
+    survey.noise = found >= kMinNoise * (survey.max - survey.min) ? found : 0;
     return survey;
 }
 
