@@ -153,7 +153,7 @@ std::size_t pack(std::span<const std::byte> raw, const CodecSpec& spec, Packing&
     return size;
 }
 
-/// Smaller chunks are always shuffled: a few bytes are not worth a store that older readers refuse.
+/// Smaller chunks are always shuffled.
 constexpr std::size_t kLeastChosen = 1024;
 
 /// Compares on a few parts of the chunk, because compressing all of it twice takes too long.
@@ -172,8 +172,10 @@ bool is_shorter_unshuffled(std::span<const std::byte> raw, const CodecSpec& spec
     const std::size_t shuffled = pack(sample, spec, state);
     CodecSpec plain = spec;
     plain.shuffle = false;
-    constexpr std::size_t kGain = 16;
-    return pack(sample, plain, state) < shuffled - shuffled / kGain;
+    // Less is not worth a store that older readers refuse.
+    constexpr std::size_t kGain = 8;
+    constexpr std::size_t kLeastGain = 64;
+    return pack(sample, plain, state) + kLeastGain < shuffled - shuffled / kGain;
 }
 
 }  // namespace

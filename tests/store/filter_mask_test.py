@@ -4,7 +4,6 @@ whatever the volume, the number of threads and how a run ended; what does not ag
 Usage: filter_mask_test.py ISONEST PLUGIN_FOLDER
 """
 import ctypes
-import json
 import os
 import pathlib
 import shutil
@@ -108,13 +107,13 @@ class FilterMask(unittest.TestCase):
             skips = any(masks.values())
             self.assertEqual(int(f.attrs["flags"]) & SKIPS, SKIPS if skips else 0)
             self.assertEqual(list(f.attrs["version"]), [2, 13] if skips else [2, 10])
-        self.run_isonest("check", store)
+        self.run_isonest("check", "--deep", store)
         return masks
 
     def test_the_choice_is_said_everywhere(self):
         for values, options, some, all_shuffled in (
                 (EIGHT_BITS, (), True, False), (EIGHT_BITS.astype("<f8"), ("--exact",), True, False),
-                (EIGHT_BITS[0], (), True, False),
+                (EIGHT_BITS[0], (), False, False),
                 (SMOOTH.astype("<u2"), ("--indicators", "deviation_bar"), False, False),
                 (np.zeros((20, 20, 20), "u1"), (), False, True)):
             with self.subTest(kind=values.dtype, shape=values.shape, options=options):
@@ -173,6 +172,7 @@ class FilterMask(unittest.TestCase):
             """The same bytes with another mask, and the row's new place."""
             array = f[path].id
             _, data = array.read_direct_chunk(at)
+            array.write_direct_chunk(at, data + b"\0", mask)  # HDF5 keeps the mask of a chunk that keeps its size
             array.write_direct_chunk(at, data, mask)
             info = array.get_chunk_info_by_coord(at)
             table = f["chunks"][...]
@@ -188,7 +188,7 @@ class FilterMask(unittest.TestCase):
             write_with(f, path, at, 3, row)
 
         for change, words in ((mask_cleared, "undoes a shuffle"), (mask_of_all_filters, "skips a filter")):
-            text = self.run_isonest("check", self.forged(store, change), code=4)
+            text = self.run_isonest("check", "--deep", self.forged(store, change), code=4)
             self.assertIn(words, text)
 
         def row_cleared(f):
@@ -196,27 +196,27 @@ class FilterMask(unittest.TestCase):
             table["flags"][first_of(f, 1)[2]] = 0
             f["chunks"][...] = table
 
-        text = self.run_isonest("check", self.forged(store, row_cleared), code=4)
-        self.assertIn("skips a filter", text)
+        text = self.run_isonest("check", "--deep", self.forged(store, row_cleared), code=4)
+        self.assertIn("the chunk holds", text)
 
         # Without bit 5 a reader shuffles all chunks back, as in 2.12: what check then finds is not what was written.
-        text = self.run_isonest("check", self.forged(store, lambda f: f.attrs.modify("flags", np.uint32(0))), code=4)
+        text = self.run_isonest("check", "--deep", self.forged(store, lambda f: f.attrs.modify("flags", np.uint32(0))), code=4)
         self.assertIn("reserved flags", text)
 
     def test_the_bit_exists_since_2_13(self):
         store = self.store_of(EIGHT_BITS)
         for minor, code in ((9, 5), (10, 5), (12, 5), (13, 0), (99, 0)):
             copy = self.forged(store, lambda f: f.attrs.modify("version", np.array([2, minor], "<u4")))
-            text = self.run_isonest("info", copy, "--json", code=code)
+            text = self.run_isonest("info", copy, code=code)
             if code:
-                self.assertIn("flags", json.loads(text)["error"]["message"])
+                self.assertIn("header flags", text)
         # Allowed for a store whose chunks are all shuffled, although no writer sets it.
         store = self.store_of(np.zeros((20, 20, 20), "u1"))
 
         def bit_alone(f):
             f.attrs.modify("version", np.array([2, 13], "<u4"))
             f.attrs.modify("flags", np.uint32(SKIPS))
-        self.run_isonest("check", self.forged(store, bit_alone))
+        self.run_isonest("check", "--deep", self.forged(store, bit_alone))
 
 
 if __name__ == "__main__":
