@@ -221,6 +221,18 @@ std::vector<AnyField> parse_study_fields(const std::string& text) {
     return fields;
 }
 
+/// note_on_name() for the studied fields, a line each.
+std::string notes_on_rows(const Study& study) {
+    std::string notes;
+    for (const StudyRow& row : study.rows) {
+        const std::string note = note_on_name(name_of(row.field));
+        if (!note.empty() && notes.find(note) == std::string::npos) {
+            notes += note + "\n";
+        }
+    }
+    return notes;
+}
+
 Result run(StudyArguments& a, Progress& progress) {
     const Store opened = open_required_store(a.store, a.remote, a.study.memory, progress);
     const std::filesystem::path folder = a.folder;
@@ -265,6 +277,9 @@ Result run(StudyArguments& a, Progress& progress) {
         "1 / (elements error), which had these names before, is element_efficiency_*\n",
         a.folder, s.rows.size() / static_cast<std::size_t>(a.study.steps), a.study.steps,
         s.all_elements, s.all_cells);
+    if (a.study.fields.empty()) {  // named fields have their note already
+        result.text += notes_on_rows(s);
+    }
     add_fetched(opened, result);
     return result;
 }
