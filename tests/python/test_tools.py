@@ -116,7 +116,7 @@ def test_renamed_indicators_warn_where_they_are_named(noise, tmp_path):
 
 
 def test_a_study_has_the_programs_table(store, store_path, tmp_path):
-    fields = ["linf_bar", "deviation_bar", "lp:3_bar"]
+    fields = ["linf_bar", "lp:3_bar", "deviation_grad_lp:2_bar"]
     study = store.study(fields, norm=2, graph_distance=True, steps=4, least=0.01)
     run("study", store_path, "--fields", ",".join(fields), "--norm", "2", "--graph-distance", "--steps", "4",
         "--least", "0.01", "--out", tmp_path / "study")

@@ -295,9 +295,10 @@ void add_study(CLI::App& app, Invocation& chosen) {
          "adaptive mesh of the volume, the elements visited to find them, the error of the "
          "function on the mesh in three norms, and the efficiency 1 / (visited elements x error), "
          "also for elements instead of visited ones, as study.csv and as plots (.svg, .png). "
-         "--fields also accepts the computed fields lp:P_bar, grad_lp:P_bar (P from 1 to inf), "
-         "gradient_bar and curvature_bar, or with _plus. The volume must fit into memory, at 20 "
-         "bytes per node.",
+         "--fields also accepts the computed fields lp:P_bar, grad_lp:P_bar, deviation_lp:P_bar, "
+         "deviation_grad_lp:P_bar (P from 1 to inf), gradient_bar, curvature_bar, "
+         "graph_curvature_bar, deviation_graph_bar and, of cells, hex_lp:P_bar and "
+         "hex_grad_lp:P_bar, or with _plus. The volume must fit into memory, at 20 bytes per node.",
          "isonest preprocess map.h5 --indicators all -o map.isonest\n"
          "isonest study map.isonest --out map-study\n"
          "isonest study head.isonest --fields linf_bar,normal_bar --iso 120 --out study\n"
