@@ -156,8 +156,8 @@ class Measures {
                 norms_.emplace(task.steps, task.level, task.flat);
             }
             cell_wanted_ = cell_wanted_ || is_of_cells(f.field);
-            normal_wanted_ = normal_wanted_ || (indicator >= Indicator::normal &&
-                                                indicator <= Indicator::normal_component);
+            normal_wanted_ = normal_wanted_ || (indicator >= Indicator::normal_jump &&
+                                                indicator <= Indicator::normal);
         }
         if (task.own != nullptr) {
             batch_.emplace(nx, ny, task.own->volume());
@@ -242,13 +242,13 @@ class Measures {
                 return deviation_;
             case Indicator::hex_offset:
                 return cell_;
-            case Indicator::normal:
+            case Indicator::normal_jump:
                 return changes_[0];
             case Indicator::normal_edge:
                 return changes_[1];
             case Indicator::normal_turn:
                 return changes_[2];
-            case Indicator::normal_component:
+            case Indicator::normal:
                 return changes_[3];
             default:
                 return eta_;

@@ -9,6 +9,7 @@
 #include <limits>
 #include <span>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <vector>
 
@@ -137,13 +138,15 @@ std::string identity_of(const StoreHeader& h, const VolumeSource& source,
     if (!input.empty() && input.back() != '\n') {
         input += '\n';
     }
+    std::vector<std::string_view> fields(h.fields.size());
+    std::transform(h.fields.begin(), h.fields.end(), fields.begin(), stored_name_of);
     return fmt::format(
                "format {}.{}\n{}nodes {} {} {}\ntype {}\nspacing {} {} {}\norigin {} {} {}\nchunk "
                "{}\n"
                "compression {}\nexact {}\nindicators {}\n",
                h.version().major, h.version().minor, input, h.nodes.x, h.nodes.y, h.nodes.z,
                name_of(h.type), h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1],
-               h.origin[2], h.chunk, h.compression, h.exact, list_names(h.fields)) +
+               h.origin[2], h.chunk, h.compression, h.exact, fmt::join(fields, ", ")) +
            (h.direction == kAlongWorld
                 ? ""
                 : fmt::format("direction {}\n", fmt::join(vtk_direction(h.direction), " "))) +

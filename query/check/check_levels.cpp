@@ -4,6 +4,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -13,6 +14,7 @@
 #include "query/values/blocks.h"
 #include "query/values/brick_view.h"
 #include "store/container/chunk_cache.h"
+#include "store/lattice/children.h"
 
 namespace isonest::detail {
 namespace {
@@ -313,6 +315,7 @@ class LevelChecks {
     void saturation_of_block(const ArrayInfo& array, const Int3& chunk, const Int3& base,
                              const Int3& n) {
         const Int3 cells = layout_.lattice().cells_at(array.level);
+        const Int3 finer_cells = layout_.lattice().elements_at(array.level - 1);
         const auto exists = [&](const Int3& p) {
             return min(p, {0, 0, 0}) == Int3{0, 0, 0} && max(p, cells * 2) == cells * 2;
         };
@@ -344,18 +347,20 @@ class LevelChecks {
                                                   child, at.x * scale, at.y * scale, at.z * scale));
                     }
                 };
-                const std::int64_t odd = o.x + o.y + o.z;
-                if (odd >= 2) {
-                    for (int axis = 0; axis < 3; ++axis) {
-                        for (std::int64_t side = -1; side <= 1 && o[axis] != 0; side += 2) {
-                            Int3 c = p;
-                            c[axis] += side;
-                            against(own.at({c.x >> 1, c.y >> 1, c.z >> 1}, slot_of(c)), c,
-                                    std::int64_t{1} << (array.level - 1));
+                const auto odd = static_cast<unsigned>(slot + 1);
+                const std::int64_t scale = std::int64_t{1} << (array.level - 1);
+                for (const Int3& offset : child_offsets(odd, layout_.lattice().flat_axes())) {
+                    if (std::popcount(odd) > 1) {
+                        const Int3 c = p + offset;
+                        against(own.at({c.x >> 1, c.y >> 1, c.z >> 1}, slot_of(c)), c, scale);
+                    } else if (has_finer) {
+                        const Int3 c = p * 2 + offset;
+                        const Int3 cube{c.x >> 1, c.y >> 1, c.z >> 1};
+                        if (min(cube, {0, 0, 0}) == Int3{0, 0, 0} &&
+                            max(cube + kUnit, finer_cells) == finer_cells) {
+                            against(finer.at(cube, 0), c, scale / 2);
                         }
                     }
-                } else if (has_finer) {
-                    finer_centres(array.level - 1, p, finer, against);
                 }
             }
         }
@@ -397,21 +402,6 @@ class LevelChecks {
             }
         }
         findings_.count(compared);
-    }
-
-    /// Visits the centres of the up to eight cubes of the finer level around the edge midpoint p.
-    template <class T, class F>
-    void finer_centres(int level, const Int3& p, const Gathered<T>& finer, F&& against) {
-        const Int3 cells = layout_.lattice().elements_at(level);
-        for (std::int64_t i = 0; i < 8; ++i) {
-            const Int3 cube = p - Int3{i & 1, (i >> 1) & 1, i >> 2};
-            // Along a flat axis p is 0, and so is the index of the square.
-            if (min(cube, {0, 0, 0}) == Int3{0, 0, 0} &&
-                max(cube + Int3{1, 1, 1}, cells) == cells) {
-                against(finer.at(cube, 0), cube * 2 + slot_offset(layout_.lattice().centre_slot()),
-                        std::int64_t{1} << (level - 1));
-            }
-        }
     }
 
   public:

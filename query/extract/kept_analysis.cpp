@@ -76,7 +76,7 @@ std::string query_key(const StoreReader& store, const ExtractQuery& query) {
                            a.wide_value ? " as float64" : "");
     }
     if (a.error) {
-        key += fmt::format(", error {}", name_of(*a.error));
+        key += fmt::format(", error {}", stored_name_of(*a.error));
     }
     return key;
 }

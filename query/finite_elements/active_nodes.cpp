@@ -12,47 +12,28 @@
 
 #include "query/values/node_sampler.h"
 #include "store/base/workers.h"
+#include "store/lattice/children.h"
 
 namespace isonest::detail {
 namespace {
 
 constexpr std::int64_t kRowsPerTask = 64;
 
-/// The child nodes of a refinement node; some may be outside. Source: section 5.
+/// The children of the nodes of a slot, as offsets; some may be outside.
 class Children {
   public:
-    Children(const Lattice& lattice, int level, const Int3& odd) {
-        const std::int64_t scale = std::int64_t{1} << (level - 1);
-        std::array<int, 3> axes{};
-        const auto size = static_cast<std::size_t>(lattice.dimension());
-        for (std::size_t n = 0, axis = 0; axis < 3; ++axis) {
-            if ((lattice.flat_axes() >> axis & 1U) == 0) {
-                axes.at(n++) = static_cast<int>(axis);
-            }
-        }
-        if (odd.x + odd.y + odd.z > 1) {
-            for (std::size_t a = 0; a < size; ++a) {
-                if (odd[axes.at(a)] != 0) {
-                    for (const std::int64_t by : {-scale, scale}) {
-                        offsets_.at(count_++)[axes.at(a)] = by;
-                    }
-                }
-            }
-        } else if (level > 1) {
-            for (unsigned signs = 0; signs < 1U << size; ++signs) {
-                for (std::size_t a = 0; a < size; ++a) {
-                    offsets_.at(count_)[axes.at(a)] =
-                        (signs >> a & 1U) != 0 ? scale / 2 : -scale / 2;
-                }
-                ++count_;
-            }
+    Children(const Lattice& lattice, const SlotRows& rows) {
+        const unsigned odd = static_cast<unsigned>(rows.odd.x + 2 * rows.odd.y + 4 * rows.odd.z);
+        const std::int64_t step = child_scale(odd, rows.scale);
+        for (const Int3& offset : child_offsets(odd, lattice.flat_axes())) {
+            offsets_.at(count_) = offset * step;
+            count_ += step > 0 ? 1 : 0;
         }
     }
     [[nodiscard]] std::span<const Int3> offsets() const { return {offsets_.data(), count_}; }
 
   private:
-    std::array<Int3, 8> offsets_{Int3{0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0},
-                                 {0, 0, 0},     {0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+    std::array<Int3, 8> offsets_{};
     std::size_t count_ = 0;
 };
 
@@ -157,7 +138,7 @@ NodeSet find_active(const Lattice& lattice, const std::function<Local()>& make_l
                     continue;
                 }
                 const SlotRows rows(lattice, level, slot);
-                const Children children(lattice, level, rows.odd);
+                const Children children(lattice, rows);
                 RowBits empty(words);
                 for (std::int64_t i = 0; i < rows.count.x; ++i) {
                     set_bit(empty.slot, (2 * i + rows.odd.x) * rows.scale, true);

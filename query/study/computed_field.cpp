@@ -1,11 +1,9 @@
 #include "query/study/computed_field.h"
 
-#include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -13,6 +11,8 @@
 
 #include <isonest/error.h>
 
+#include "query/study/cell_indicators.h"
+#include "query/study/support_measure.h"
 #include "query/study/whole_lattice.h"
 #include "query/traverse/adapt_traverse.h"
 #include "query/values/label_view.h"
@@ -21,6 +21,7 @@
 #include "store/container/format.h"
 #include "store/exports/volume_file.h"
 #include "store/files/output_file.h"
+#include "store/lattice/children.h"
 #include "store/lattice/simplex.h"
 
 namespace isonest::detail {
@@ -91,76 +92,6 @@ void sum_factors(const Lattice& lattice, const Double3& spacing, double power,
 
 }  // namespace
 
-}  // namespace isonest::detail
-
-namespace isonest {
-
-std::optional<ComputedField> computed_field_from_name(std::string_view name) {
-    ComputedField field;
-    for (const Saturation saturation : {Saturation::bar, Saturation::plus}) {
-        const std::string_view end = saturation == Saturation::bar ? "_bar" : "_plus";
-        if (name.ends_with(end)) {
-            field.saturation = saturation;
-            name.remove_suffix(end.size());
-            break;
-        }
-    }
-    if (name == "gradient" || name == "curvature") {
-        field.indicator =
-            name == "gradient" ? ComputedIndicator::gradient : ComputedIndicator::curvature;
-        return field;
-    }
-    const std::string_view lp = "lp:";
-    const std::string_view grad = "grad_lp:";
-    if (!name.starts_with(lp) && !name.starts_with(grad)) {
-        return std::nullopt;
-    }
-    field.indicator = name.starts_with(lp) ? ComputedIndicator::lp : ComputedIndicator::grad_lp;
-    name.remove_prefix(name.starts_with(lp) ? lp.size() : grad.size());
-    if (name == "inf") {
-        field.power = std::numeric_limits<double>::infinity();
-        return field;
-    }
-    const auto [end, error] = std::from_chars(name.data(), name.data() + name.size(), field.power);
-    const bool is_number = error == std::errc() && end == name.data() + name.size();
-    if (!is_number || !(field.power >= 1) || !std::isfinite(field.power)) {
-        return std::nullopt;
-    }
-    return field;
-}
-
-std::string name_of(const ComputedField& field) {
-    std::string name;
-    switch (field.indicator) {
-        case ComputedIndicator::lp:
-            name = fmt::format("lp:{}", field.power);
-            break;
-        case ComputedIndicator::grad_lp:
-            name = fmt::format("grad_lp:{}", field.power);
-            break;
-        case ComputedIndicator::gradient:
-            name = "gradient";
-            break;
-        case ComputedIndicator::curvature:
-            name = "curvature";
-            break;
-    }
-    if (field.saturation) {
-        name += *field.saturation == Saturation::bar ? "_bar" : "_plus";
-    }
-    return name;
-}
-
-std::string name_of(const AnyField& field) {
-    const Field* const stored = std::get_if<Field>(&field);
-    return stored != nullptr ? std::string(name_of(*stored))
-                             : name_of(std::get<ComputedField>(field));
-}
-
-}  // namespace isonest
-
-namespace isonest::detail {
-
 OffsetFactors::OffsetFactors(const Lattice& lattice, const Double3& spacing,
                              const ComputedField& field)
     : lattice_(lattice),
@@ -227,6 +158,27 @@ class Derivatives {
         }
         return g;
     }
+    /// The root of the sum of all squared curvatures of the graph: of its shape operator
+    /// (I + g g^T)^-1 H / sqrt(1 + |g|^2), with g the gradient and H the second derivatives, the
+    /// sum of the squared eigenvalues is the trace of its square.
+    [[nodiscard]] double graph_curvature(const Int3& node) const {
+        const Double3 g = gradient(node);
+        const std::array<Double3, 3> h = second_derivatives(node);
+        const double square = 1 + dot(g, g);
+        std::array<Double3, 3> shape{};
+        for (std::size_t i = 0; i < 3; ++i) {
+            for (std::size_t j = 0; j < 3; ++j) {
+                shape[i][j] = (h[i][j] - g[i] * dot(g, h[j]) / square) / std::sqrt(square);
+            }
+        }
+        double trace = 0;
+        for (std::size_t i = 0; i < 3; ++i) {
+            for (std::size_t j = 0; j < 3; ++j) {
+                trace += shape[i][j] * shape[j][i];
+            }
+        }
+        return std::isnan(trace) ? trace : std::sqrt(std::max(trace, 0.0));
+    }
     /// sqrt(k1^2 + k2^2) = |P H P| / |grad U| in the Frobenius norm, where P projects along the
     /// gradient (the shape operator of a level set).
     [[nodiscard]] double curvature(const Int3& node) const {
@@ -235,12 +187,7 @@ class Derivatives {
         if (!(size > 0)) {
             return std::isnan(size) ? size : 0;
         }
-        std::array<Double3, 3> h{};
-        for (int i = 0; i < 3; ++i) {
-            for (int j = 0; j < 3; ++j) {
-                h[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)] = second(node, i, j);
-            }
-        }
+        const std::array<Double3, 3> h = second_derivatives(node);
         std::array<Double3, 3> project{};
         for (std::size_t i = 0; i < 3; ++i) {
             for (std::size_t j = 0; j < 3; ++j) {
@@ -271,6 +218,15 @@ class Derivatives {
         return static_cast<double>(high[axis] - low[axis]) *
                spacing_[static_cast<std::size_t>(axis)];
     }
+    [[nodiscard]] std::array<Double3, 3> second_derivatives(const Int3& node) const {
+        std::array<Double3, 3> h{};
+        for (int i = 0; i < 3; ++i) {
+            for (int j = 0; j < 3; ++j) {
+                h[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)] = second(node, i, j);
+            }
+        }
+        return h;
+    }
     [[nodiscard]] double second(const Int3& node, int i, int j) const {
         if (last_[i] < 2 || last_[j] < 2) {
             return 0;
@@ -297,65 +253,31 @@ class Derivatives {
     Int3 last_;
 };
 
-/// Calls f(p, node) for the refinement nodes of a level, in parallel.
+/// Calls f(p, node, row) for the refinement nodes of a level, in parallel. `row`: the number of
+/// their row along x.
 template <class F>
 void for_nodes_of(const Lattice& lattice, int level, Progress& progress, const F& f) {
     const std::int64_t scale = std::int64_t{1} << (level - 1);
     const Int3 size = lattice.cells_at(level) * 2 + Int3{1, 1, 1};
-    tbb::parallel_for(std::int64_t{0}, size.z, [&](std::int64_t z) {
+    tbb::parallel_for(std::int64_t{0}, size.y * size.z, [&](std::int64_t row) {
         progress.check();
-        for (std::int64_t i = 0; i < size.x * size.y; ++i) {
-            const Int3 p = Int3{i % size.x, i / size.x, z} * scale;
+        for (std::int64_t x = 0; x < size.x; ++x) {
+            const Int3 p = Int3{x, row % size.y, row / size.y} * scale;
             const NodeInfo node = describe_node(p, lattice.top());
             if (node.scale == scale) {
-                f(p, node);
+                f(p, node, static_cast<std::size_t>(row));
             }
         }
     });
-}
-
-/// Calls f(child) for the child nodes.
-template <class F>
-void for_children(const Lattice& lattice, const Int3& p, const NodeInfo& node, const F& f) {
-    if (node.kind != NodeKind::edge) {
-        for (int axis = 0; axis < 3; ++axis) {
-            if (node.odd[static_cast<std::size_t>(axis)]) {
-                Int3 step;
-                step[axis] = node.scale;
-                f(p - step);
-                f(p + step);
-            }
-        }
-        return;
-    }
-    if (node.scale == 1) {
-        return;
-    }
-    const std::int64_t half = node.scale / 2;
-    const Int3 cells = lattice.cells_at(node.level() - 1);
-    for (std::int64_t i = 0; i < 8; ++i) {
-        const Int3 side = Int3{2, 2, 2}.unlinear(i);
-        Int3 child = p;
-        bool exists = true;
-        for (int axis = 0; axis < 3; ++axis) {
-            if (cells[axis] == 0) {
-                exists = exists && side[axis] == 0;
-                continue;
-            }
-            child[axis] += side[axis] == 0 ? -half : half;
-            const std::int64_t low = child[axis] - half;
-            exists = exists && low >= 0 && low / node.scale < cells[axis];
-        }
-        if (exists) {
-            f(child);
-        }
-    }
 }
 
 }  // namespace
 
 double compute_indicator(WholeLattice& whole, const ComputedField& field, const Double3& spacing,
                          Progress& progress) {
+    if (is_of_cells(field.indicator)) {
+        return compute_cell_indicator(whole, field, spacing, progress);
+    }
     const Lattice& lattice = whole.lattice();
     const bool by_offset =
         field.indicator == ComputedIndicator::lp || field.indicator == ComputedIndicator::grad_lp;
@@ -363,6 +285,9 @@ double compute_indicator(WholeLattice& whole, const ComputedField& field, const 
     if (by_offset && lattice.dimension() > 0) {
         factors.emplace(lattice, spacing, field);
     }
+    const SupportMeasure deviation = measures_support(field.indicator)
+                                         ? measure_of_support(whole, field, spacing, progress)
+                                         : SupportMeasure();
     const Derivatives derivatives(whole, spacing);
     const auto raw = [&](const Int3& p, const NodeInfo& node) {
         const double offset =
@@ -371,21 +296,37 @@ double compute_indicator(WholeLattice& whole, const ComputedField& field, const 
             return kMissing;
         }
         double eta = 0;
-        if (by_offset) {
-            eta = std::fabs(offset) * factors->of(p, node);
-        } else if (field.indicator == ComputedIndicator::gradient) {
-            eta = length(derivatives.gradient(p));
-        } else {
-            eta = derivatives.curvature(p);
+        switch (field.indicator) {
+            case ComputedIndicator::lp:
+            case ComputedIndicator::grad_lp:
+                eta = std::fabs(offset) * factors->of(p, node);
+                break;
+            case ComputedIndicator::gradient:
+                eta = length(derivatives.gradient(p));
+                break;
+            case ComputedIndicator::curvature:
+                eta = derivatives.curvature(p);
+                break;
+            case ComputedIndicator::graph_curvature:
+                eta = derivatives.graph_curvature(p);
+                break;
+            case ComputedIndicator::deviation_lp:
+            case ComputedIndicator::deviation_grad_lp:
+            case ComputedIndicator::deviation_graph:
+                eta = deviation(p, node);
+                break;
+            case ComputedIndicator::hex_lp:
+            case ComputedIndicator::hex_grad_lp:
+                break;  // of cells, not of nodes
         }
         return std::isfinite(eta) ? static_cast<float>(eta) : kMissing;
     };
     for (int level = 1; level <= lattice.top(); ++level) {
-        for_nodes_of(lattice, level, progress, [&](const Int3& p, const NodeInfo& node) {
+        for_nodes_of(lattice, level, progress, [&](const Int3& p, const NodeInfo& node, auto) {
             whole.set_indicator(p, raw(p, node));
         });
         for (const NodeKind kind : {NodeKind::edge, NodeKind::face, NodeKind::centre}) {
-            for_nodes_of(lattice, level, progress, [&](const Int3& p, const NodeInfo& node) {
+            for_nodes_of(lattice, level, progress, [&](const Int3& p, const NodeInfo& node, auto) {
                 if (!field.saturation || node.kind != kind) {
                     return;
                 }
@@ -401,14 +342,13 @@ double compute_indicator(WholeLattice& whole, const ComputedField& field, const 
     }
     double largest = 0;
     for (int level = 1; level <= lattice.top(); ++level) {
-        const std::int64_t scale = std::int64_t{1} << (level - 1);
         const Int3 size = lattice.cells_at(level) * 2 + Int3{1, 1, 1};
-        std::vector<float> rows(static_cast<std::size_t>(size.z), 0);
-        for_nodes_of(lattice, level, progress, [&](const Int3& p, const NodeInfo&) {
-            const float eta = whole.indicator(p);
-            float& row = rows[static_cast<std::size_t>(p.z / scale)];
-            row = std::isfinite(eta) ? std::max(row, eta) : row;
-        });
+        std::vector<float> rows(static_cast<std::size_t>(size.y * size.z), 0);
+        for_nodes_of(lattice, level, progress,
+                     [&](const Int3& p, const NodeInfo&, std::size_t row) {
+                         const float eta = whole.indicator(p);
+                         rows[row] = std::isfinite(eta) ? std::max(rows[row], eta) : rows[row];
+                     });
         largest =
             std::max(largest, static_cast<double>(*std::max_element(rows.begin(), rows.end())));
     }
@@ -418,6 +358,11 @@ double compute_indicator(WholeLattice& whole, const ComputedField& field, const 
 void export_computed_field(const StoreReader& store, const std::filesystem::path& path,
                            const ExportOptions& options, Progress& progress) {
     require_numbers(store, "an indicator");
+    const auto& field = std::get<ComputedField>(options.field);
+    if (is_of_cells(field.indicator)) {
+        throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                    name_of(field) + " is not an indicator of nodes");
+    }
     check_output(path, options.force, {store.path()});
     const StoreLayout& layout = store.layout();
     const StoreHeader& header = layout.header();
@@ -449,7 +394,7 @@ void export_computed_field(const StoreReader& store, const std::filesystem::path
         ChunkCache cache(store, 2 * largest);
         whole.load_values(cache);
     }
-    compute_indicator(whole, std::get<ComputedField>(options.field), header.spacing, progress);
+    compute_indicator(whole, field, header.spacing, progress);
     progress.begin("export", static_cast<std::uint64_t>(n.z), "planes");
     std::vector<float> plane(static_cast<std::size_t>(n.x * n.y));
     for (std::int64_t z = 0; z < n.z; ++z) {

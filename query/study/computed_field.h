@@ -44,12 +44,13 @@ class OffsetFactors {
 
 // Fills a lattice with an indicator that is not stored.
 
-/// Sets the lattice's indicator at all refinement nodes of elements, including those outside the
-/// volume; +inf where the node or an end of its refinement edge is missing. Returns the largest
-/// finite one. Saturation is that of section 5 of the paper: from fine to coarse, within a level
-/// edges, faces, centres. The numbers are stored as float32 (nearest), so a saturated one is at
-/// least as large as those that it covers. The same for any number of threads, which are the
-/// arena's. Throws Error{cancelled}.
+/// Of an indicator of cells: see compute_cell_indicator(). Of all others: sets the lattice's
+/// indicator at all refinement nodes of elements, including those outside the volume; +inf where
+/// the node or an end of its refinement edge is missing. Returns the largest finite one. Saturation
+/// is that of section 5 of the paper: from fine to coarse, within a level edges, faces, centres.
+/// The numbers are stored as float32 (nearest), so a saturated one is at least as large as those
+/// that it covers. The same for any number of threads, which are the arena's. Throws
+/// Error{cancelled}.
 double compute_indicator(WholeLattice& whole, const ComputedField& field, const Double3& spacing,
                          Progress& progress);
 

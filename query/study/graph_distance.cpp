@@ -6,9 +6,8 @@
 #include <atomic>
 #include <cmath>
 #include <limits>
-#include <vector>
 
-#include "query/study/true_error.h"
+#include "query/study/graph_search.h"
 
 namespace isonest::detail {
 namespace {
@@ -98,21 +97,7 @@ template <int D>
 class Graphs {
   public:
     Graphs(const WholeLattice& whole, const Double3& spacing, double range)
-        : whole_(whole),
-          range_(range),
-          walks_(axis_walks<D>(whole.lattice())),
-          cells_(max(whole.lattice().nodes() - Int3{1, 1, 1}, {1, 1, 1})) {
-        double longest = 0;
-        for (const std::size_t axis : walks_.front().axes) {
-            longest = std::max(longest,
-                               spacing[axis] * static_cast<double>(cells_[static_cast<int>(axis)]));
-        }
-        for (const std::size_t axis : walks_.front().axes) {
-            step_[axis] = spacing[axis] / longest;
-            min_step_ = std::min(min_step_, step_[axis]);
-            flat_ &= ~(1U << axis);
-        }
-    }
+        : whole_(whole), range_(range), search_(whole.lattice(), spacing, range) {}
 
     /// The error at the node: no point of a graph is further from the other graph.
     [[nodiscard]] double error(const Int3& p) const {
@@ -121,110 +106,19 @@ class Graphs {
     }
     /// Distance from the point of one graph at p to the other graph; `enough` if it is not larger.
     [[nodiscard]] double from(const Int3& p, bool of_data, double enough) const {
-        const GraphPoint at = point(p, of_data);
-        double best = error(p);
-        for (std::int64_t ring = 0; best > enough && static_cast<double>(ring) * min_step_ < best;
-             ++ring) {
-            const Int3 reach{ring, ring, ring};
-            const Int3 low = max(p - reach - Int3{1, 1, 1}, {0, 0, 0});
-            const Int3 high = min(p + reach, cells_ - Int3{1, 1, 1});
-            bool any = false;
-            for_shell(p, ring, low, high, [&](const Int3& cell) {
-                any = true;
-                best = std::min(best, from_cell(at, cell, !of_data, best));
-            });
-            if (!any && ring > 0) {
-                break;
-            }
-        }
-        return std::max(best, enough);
+        const auto value = [&](const Int3& q, bool data) {
+            return data ? whole_.exact(q) : whole_.projected(q);
+        };
+        return search_.distance(
+            search_.point(p, value(p, of_data)), p, error(p), enough,
+            [&](const Int3& q) { return value(q, !of_data); },
+            [](const std::array<Int3, D + 1>&) { return true; });
     }
 
   private:
-    [[nodiscard]] GraphPoint point(const Int3& p, bool of_data) const {
-        GraphPoint at{};
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-            at[axis] = step_[axis] * static_cast<double>(p[static_cast<int>(axis)]);
-        }
-        at[3] = (of_data ? whole_.exact(p) : whole_.projected(p)) / range_;
-        return at;
-    }
-    /// The cells from `low` to `high` that are `ring` cells away from those around p.
-    template <class F>
-    void for_shell(const Int3& p, std::int64_t ring, const Int3& low, const Int3& high,
-                   const F& f) const {
-        const auto on_shell = [&](int axis, std::int64_t c) {
-            return (flat_ >> static_cast<unsigned>(axis) & 1U) == 0 &&
-                   (c == p[axis] + ring || c == p[axis] - ring - 1);
-        };
-        for (std::int64_t z = low.z; z <= high.z; ++z) {
-            for (std::int64_t y = low.y; y <= high.y; ++y) {
-                if (ring == 0 || on_shell(2, z) || on_shell(1, y)) {
-                    for (std::int64_t x = low.x; x <= high.x; ++x) {
-                        f({x, y, z});
-                    }
-                    continue;
-                }
-                for (const std::int64_t x : {p.x - ring - 1, p.x + ring}) {
-                    if (x >= low.x && x <= high.x && on_shell(0, x)) {
-                        f({x, y, z});
-                    }
-                }
-            }
-        }
-    }
-    [[nodiscard]] double from_cell(const GraphPoint& at, const Int3& cell, bool of_data,
-                                   double best) const {
-        const Int3 far{(flat_ & 1U) != 0 ? 0 : 1, (flat_ & 2U) != 0 ? 0 : 1,
-                       (flat_ & 4U) != 0 ? 0 : 1};
-        GraphPoint low{};
-        GraphPoint high{};
-        low[3] = std::numeric_limits<double>::infinity();
-        high[3] = -low[3];
-        for (std::int64_t i = 0; i < 8; ++i) {
-            const Int3 o = Int3{2, 2, 2}.unlinear(i);
-            if (min(o, far) != o) {
-                continue;
-            }
-            const GraphPoint corner = point(cell + o, of_data);
-            for (std::size_t a = 0; a < 3; ++a) {
-                low[a] = i == 0 ? corner[a] : low[a];
-                high[a] = std::max(low[a], corner[a]);
-            }
-            low[3] = std::min(low[3], corner[3]);
-            high[3] = std::max(high[3], corner[3]);
-        }
-        // A box around the cell's part of the graph.
-        double square = 0;
-        for (std::size_t a = 0; a < 4; ++a) {
-            const double d = std::max({low[a] - at[a], at[a] - high[a], 0.0});
-            square += d * d;
-        }
-        if (!(square < best * best)) {
-            return best;
-        }
-        for (const AxisWalk<D>& walk : walks_) {
-            const std::array<Int3, D + 1> v = finest_element<D>(cell, walk);
-            std::array<GraphPoint, D + 1> vertices{};
-            bool complete = true;
-            for (std::size_t i = 0; i < v.size(); ++i) {
-                vertices[i] = point(v[i], of_data);
-                complete = complete && std::isfinite(vertices[i][3]);
-            }
-            if (complete) {
-                best = std::min(best, distance_to_simplex(at, vertices));
-            }
-        }
-        return best;
-    }
-
     const WholeLattice& whole_;
     double range_;
-    std::vector<AxisWalk<D>> walks_;
-    Int3 cells_;
-    Double3 step_{};  ///< 0 along flat axes
-    double min_step_ = std::numeric_limits<double>::infinity();
-    unsigned flat_ = 7;
+    GraphSearch<D> search_;
 };
 
 template <int D>

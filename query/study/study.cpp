@@ -8,6 +8,7 @@
 
 #include <isonest/error.h>
 
+#include "query/study/cell_indicators.h"
 #include "query/study/computed_field.h"
 #include "query/study/graph_distance.h"
 #include "query/study/true_error.h"
@@ -54,7 +55,8 @@ VisitCounts count_surface(ChunkCache& cache, const TraversalQuery& query,
 
 bool is_of_cells(const AnyField& field) {
     const Field* const stored = std::get_if<Field>(&field);
-    return stored != nullptr && isonest::is_of_cells(*stored);
+    return stored != nullptr ? isonest::is_of_cells(*stored)
+                             : detail::is_of_cells(std::get<ComputedField>(field).indicator);
 }
 
 /// Distribution of the memory; fewer threads are used if there is little.
@@ -98,26 +100,39 @@ Shares share(const StoreReader& store, const StudyOptions& options, std::optiona
     return shares;
 }
 
-/// Whether a field of cells can be studied with these options.
+/// Whether a field of cells in the store can be studied with these options.
 bool suit_cells(const StoreLayout& layout, const StudyOptions& options) {
     return !options.plane && !options.power && !options.graphs &&
            (!options.iso || layout.lattice().dimension() == 3);
 }
 
+/// Throws Error{invalid_argument} if the field is one of cells that cannot be studied with these
+/// options.
+void require_suited(const StoreLayout& layout, const StudyOptions& options, const AnyField& field) {
+    if (!is_of_cells(field)) {
+        return;
+    }
+    // Only AdaptTraverse on stored numbers visits the cells of an isosurface.
+    const bool computed = std::holds_alternative<ComputedField>(field);
+    if (!suit_cells(layout, options) || (computed && options.iso)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} is a field of hexahedral or quadrilateral cells, for which "
+                                "there is no study of {}",
+                                name_of(field),
+                                options.plane    ? "a slice"
+                                : options.power  ? "the norms of the gradient"
+                                : options.graphs ? "the distance of graphs"
+                                : layout.lattice().dimension() == 3
+                                    ? "an isosurface, because its numbers are not in the store"
+                                    : "isolines"));
+    }
+}
+
 /// Throws Error{invalid_argument} for invalid options.
 void require_sense(const StoreLayout& layout, const StudyOptions& options) {
     for (const AnyField& field : options.fields) {
+        require_suited(layout, options, field);
         if (const Field* const stored = std::get_if<Field>(&field)) {
-            if (is_of_cells(field) && !suit_cells(layout, options)) {
-                throw Error(ErrorKind::invalid_argument,
-                            fmt::format("{} is a field of hexahedral or quadrilateral cells, for "
-                                        "which there is no study of {}",
-                                        name_of(*stored),
-                                        options.plane    ? "a slice"
-                                        : options.power  ? "the norms of the gradient"
-                                        : options.graphs ? "the distance of graphs"
-                                                         : "isolines"));
-            }
             static_cast<void>(layout.array(std::min(1, layout.lattice().top()), *stored));
         } else if (!std::get<ComputedField>(field).saturation) {
             throw Error(ErrorKind::invalid_argument,
@@ -219,11 +234,11 @@ Study study(const StoreReader& store, StudyOptions options, Progress& progress) 
         for (const AnyField& field : options.fields) {
             const Field* const stored = std::get_if<Field>(&field);
             const bool cells = is_of_cells(field);
-            const double largest = cells ? load_cell_numbers(whole, cache, *stored, progress)
-                                   : stored != nullptr
-                                       ? whole.load_indicator(cache, *stored, progress)
-                                       : compute_indicator(whole, std::get<ComputedField>(field),
-                                                           layout.header().spacing, progress);
+            const double largest = stored == nullptr
+                                       ? compute_indicator(whole, std::get<ComputedField>(field),
+                                                           layout.header().spacing, progress)
+                                   : cells ? load_cell_numbers(whole, cache, *stored, progress)
+                                           : whole.load_indicator(cache, *stored, progress);
             progress.begin(name_of(field), static_cast<std::uint64_t>(options.steps), "thresholds");
             for (int step = 0; step < options.steps; ++step) {
                 progress.check();

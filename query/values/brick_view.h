@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -13,6 +14,7 @@
 #include "store/base/vectors.h"
 #include "store/container/chunk_cache.h"
 #include "store/container/codec.h"
+#include "store/lattice/children.h"
 #include "store/lattice/lattice.h"
 
 namespace isonest::detail {
@@ -66,12 +68,12 @@ constexpr std::array<Node, 27> make_nodes() {
         Node& node = nodes[static_cast<std::size_t>(p)];
         node.low = static_cast<std::uint8_t>(end_of(p, 0));
         node.high = static_cast<std::uint8_t>(end_of(p, 2));
-        for (int power = 1; power <= 9; power *= 3) {
-            if (p / power % 3 == 1) {
-                node.children[2U * node.odd] = static_cast<std::uint8_t>(p - power);
-                node.children[2U * node.odd + 1U] = static_cast<std::uint8_t>(p + power);
-                ++node.odd;
-            }
+        const Int3 at = Int3{3, 3, 3}.unlinear(p);
+        const auto odd = static_cast<unsigned>((at.x & 1) + 2 * (at.y & 1) + 4 * (at.z & 1));
+        node.odd = static_cast<std::uint8_t>(std::popcount(odd));
+        for (std::size_t i = 0; i < 2U * node.odd && node.odd > 1; ++i) {
+            const Int3& o = child_offsets(odd, 0)[i];
+            node.children[i] = static_cast<std::uint8_t>(p + o.x + 3 * o.y + 9 * o.z);
         }
     }
     return nodes;

@@ -13,6 +13,7 @@
 #include "query/values/node_fields.h"
 #include "query/values/topology.h"
 #include "store/container/chunk_cache.h"
+#include "store/lattice/children.h"
 
 namespace isonest::detail {
 
@@ -118,23 +119,17 @@ double NodeSampler::offset_at_level_1(const Int3& x, const Int3& odd) {
 }
 
 double NodeSampler::at_level_1(const Int3& x, bool plus) {
-    const Int3 odd{x.x & 1, x.y & 1, x.z & 1};
+    const auto odd_of = [](const Int3& p) { return Int3{p.x & 1, p.y & 1, p.z & 1}; };
+    const Int3 odd = odd_of(x);
     const double eta = offset_at_level_1(x, odd);
     if (odd.x + odd.y + odd.z == 1) {
         return eta;
     }
-    // A face: its children are on its edges, on both sides along each axis.
     double largest = 0;
-    for (int axis = 0; axis < 3; ++axis) {
-        if (odd[axis] != 0) {
-            Int3 others = odd;
-            others[axis] = 0;
-            for (const std::int64_t step : {-1, 1}) {
-                Int3 child = x;
-                child[axis] += step;
-                largest = std::max(largest, offset_at_level_1(child, others));
-            }
-        }
+    const auto axes = static_cast<unsigned>(odd.x + 2 * odd.y + 4 * odd.z);
+    for (const Int3& offset : child_offsets(axes, layout_->lattice().flat_axes())) {
+        const Int3 child = x + offset;
+        largest = std::max(largest, offset_at_level_1(child, odd_of(child)));
     }
     return plus ? eta + largest : std::max(eta, largest);
 }

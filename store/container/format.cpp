@@ -244,7 +244,7 @@ std::string StoreLayout::cube_range_sums_path(int level) {
 }
 
 std::string StoreLayout::path_of(const ArrayInfo& array) {
-    return fmt::format("/levels/{}/{}", array.level, name_of(array.field));
+    return fmt::format("/levels/{}/{}", array.level, stored_name_of(array.field));
 }
 
 std::size_t largest_chunk_bytes(const StoreLayout& layout) {

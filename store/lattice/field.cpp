@@ -17,6 +17,7 @@ struct Description {
     std::string_view name;
     Indicator indicator;
     Saturation saturation;
+    std::string_view stored = {};  ///< the name in a store, if it is another one
 };
 using enum Indicator;
 constexpr std::array<Description, kFieldCount> kFields{{
@@ -37,20 +38,24 @@ constexpr std::array<Description, kFieldCount> kFields{{
     {"grad_l2_plus", grad_l2, Saturation::plus},
     {"grad_edge_bar", grad_edge, Saturation::bar},
     {"grad_edge_plus", grad_edge, Saturation::plus},
-    {"normal_bar", normal, Saturation::bar},
-    {"normal_plus", normal, Saturation::plus},
+    {"normal_jump_bar", normal_jump, Saturation::bar, "normal_bar"},
+    {"normal_jump_plus", normal_jump, Saturation::plus, "normal_plus"},
     {"normal_edge_bar", normal_edge, Saturation::bar},
     {"normal_edge_plus", normal_edge, Saturation::plus},
     {"normal_turn_bar", normal_turn, Saturation::bar},
     {"normal_turn_plus", normal_turn, Saturation::plus},
-    {"normal_component_bar", normal_component, Saturation::bar},
-    {"normal_component_plus", normal_component, Saturation::plus},
+    {"normal_bar", normal, Saturation::bar, "normal_component_bar"},
+    {"normal_plus", normal, Saturation::plus, "normal_component_plus"},
     {"hex_linf", hex_offset, Saturation::bar},
     {"hex_deviation", hex_offset, Saturation::plus},
 }};
 
 const Description& description_of(Field field) {
     return kFields.at(static_cast<std::size_t>(field));
+}
+
+std::string_view stored_name_of(const Description& field) {
+    return field.stored.empty() ? field.name : field.stored;
 }
 
 constexpr std::array<std::string_view, 2> kSaturations{"_bar", "_plus"};
@@ -112,6 +117,30 @@ bool is_own_name(std::string_view name) {
            });
 }
 
+/// The field whose name in the table, by `name_in`, is `name`, or the own one of that name.
+template <class NameIn>
+std::optional<Field> find_field(std::string_view name, const NameIn& name_in) {
+    for (std::size_t s = 0; s < 2 && name.starts_with(kOwnPrefix); ++s) {
+        if (name.ends_with(kSaturations[s])) {
+            std::string_view own = name.substr(kOwnPrefix.size());
+            own.remove_suffix(std::min(own.size(), kSaturations[s].size()));
+            return is_own_name(own) ? std::optional(own_field(own, static_cast<Saturation>(s)))
+                                    : std::nullopt;
+        }
+    }
+    for (std::size_t i = 0; i < kFields.size(); ++i) {
+        if (name_in(kFields[i]) == name) {
+            return static_cast<Field>(i);
+        }
+    }
+    return std::nullopt;
+}
+
+/// Whether a field had this name in the previous version, and no field has it now.
+bool is_former(std::string_view name) {
+    return name.starts_with("normal_component_");
+}
+
 }  // namespace
 
 Field own_field(std::string_view name, Saturation saturation) {
@@ -138,21 +167,36 @@ std::string_view name_of(Field field) {
     return is_own(field) ? own_names().name_of(own_number(field)) : description_of(field).name;
 }
 
+std::string_view stored_name_of(Field field) {
+    return is_own(field) ? own_names().name_of(own_number(field))
+                         : stored_name_of(description_of(field));
+}
+
 std::optional<Field> field_from_name(std::string_view name) {
-    for (std::size_t s = 0; s < 2 && name.starts_with(kOwnPrefix); ++s) {
-        if (name.ends_with(kSaturations[s])) {
-            std::string_view own = name.substr(kOwnPrefix.size());
-            own.remove_suffix(std::min(own.size(), kSaturations[s].size()));
-            return is_own_name(own) ? std::optional(own_field(own, static_cast<Saturation>(s)))
-                                    : std::nullopt;
-        }
+    const auto found = find_field(name, [](const Description& d) { return d.name; });
+    return found || !is_former(name) ? found : field_from_stored_name(name);
+}
+
+std::optional<Field> field_from_stored_name(std::string_view name) {
+    return find_field(name, [](const Description& d) { return stored_name_of(d); });
+}
+
+std::string note_on_name(std::string_view name) {
+    const std::optional<Field> field = field_from_name(name);
+    if (field == Field::normal_bar || field == Field::normal_plus) {
+        const std::string_view other =
+            name_of(field_of(Indicator::normal_jump, saturation_of(*field)));
+        return name == name_of(*field)
+                   ? fmt::format(
+                         "{} is now the paper's eta_N; what had this name before, the "
+                         "length of the whole jump, is {}",
+                         name, other)
+                   : fmt::format(
+                         "{} is now called {}; the next version will not know its former "
+                         "name",
+                         name, name_of(*field));
     }
-    for (std::size_t i = 0; i < kFields.size(); ++i) {
-        if (kFields[i].name == name) {
-            return static_cast<Field>(i);
-        }
-    }
-    return std::nullopt;
+    return {};
 }
 
 Indicator indicator_of(Field field) {

@@ -56,7 +56,7 @@ Comparison compare(FunctionVolume<T>& volume, int chunk, bool exact, double abov
     for (const Field field : fields) {
         const auto stored = exported(store, field, folder / "field.raw");
         // The largest number that is rounded: a value times the factor of the node.
-        double most = indicator_of(field) >= Indicator::normal ? 1 : size;
+        double most = indicator_of(field) >= Indicator::normal_jump ? 1 : size;
         for (const auto& [key, node] : oracle.nodes()) {
             const double v = node.of(field);
             most = std::isfinite(v) ? std::max(most, v) : most;
@@ -197,8 +197,8 @@ TEST_CASE("every diamond that contains missing data is refined to the finest lev
 }
 
 TEST_CASE(
-    "normal_component is the component of the gradient's jump normal to the children's common "
-    "face") {
+    "normal is the component of the gradient's jump normal to the children's common face, "
+    "normal_jump its length") {
     // Two triangles, bisected from the centre to (2, 0) and (0, 2). The gradients in the children
     // of the first are (1, 0) and (2, 1), those in the second are mirrored; the normal of both
     // faces is (1, 1) / sqrt 2. The four edges' midpoints do not matter.
@@ -208,16 +208,15 @@ TEST_CASE(
     });
     const TemporaryFolder folder;
     PreprocessOptions options = with_chunk(8, true);
-    options.fields = {Field::normal_bar, Field::normal_component_bar};
+    options.fields = {Field::normal_jump_bar, Field::normal_bar};
     make_store(volume, folder / "s", options);
     const StoreReader store(folder / "s");
     const double jump = std::sqrt(2 - 4 / std::sqrt(5.0));
     const double component = (3 / std::sqrt(5.0) - 1) / std::sqrt(2.0);
-    CHECK(static_cast<double>(exported(store, Field::normal_bar, folder / "n.raw").at(4)) ==
+    CHECK(static_cast<double>(exported(store, Field::normal_jump_bar, folder / "n.raw").at(4)) ==
           Approx(jump));
-    CHECK(
-        static_cast<double>(exported(store, Field::normal_component_bar, folder / "c.raw").at(4)) ==
-        Approx(component));
+    CHECK(static_cast<double>(exported(store, Field::normal_bar, folder / "c.raw").at(4)) ==
+          Approx(component));
 }
 
 TEST_CASE("half of eta plus does not bound the deviation, but eta plus does") {

@@ -132,7 +132,7 @@ class EveryTetrahedron {
         count(exceeded_.plus, offset, plus);
         count(exceeded_.gradient_type, offset, diameter * gradient_plus);
         count(exceeded_.beta_1, change, gradient_plus);
-        count(exceeded_.beta_n, turn, node.of(Field::normal_component_plus));
+        count(exceeded_.beta_n, turn, node.of(Field::normal_plus));
         count(exceeded_.turn, turn, node.of(Field::normal_turn_plus));
         return below;
     }
@@ -179,6 +179,6 @@ TEST_CASE("the midpoint can turn the normals of both halves the same way") {
     const double turn = std::hypot(0.7 / std::hypot(0.7, 1.0) - std::sqrt(0.5),
                                    1 / std::hypot(0.7, 1.0) - std::sqrt(0.5));
     CHECK(turn > 0.17);
-    CHECK(centre.of(Field::normal_component_plus) < 0.01);
+    CHECK(centre.of(Field::normal_plus) < 0.01);
     CHECK(centre.of(Field::normal_turn_plus) >= turn - 1e-9);
 }

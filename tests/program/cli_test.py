@@ -107,8 +107,8 @@ class Cli(CliCase):
         self.ok("export", store, "--field", "linf_bar", "-o", self.here / "cells.npy")
 
     def test_indicators_are_chosen_by_name_and_in_sets(self):
-        measures = ["linf", "deviation", "l1", "l2", "grad_linf", "grad_l1", "grad_l2", "grad_edge", "normal", "normal_edge",
-                    "normal_turn", "normal_component"]
+        measures = ["linf", "deviation", "l1", "l2", "grad_linf", "grad_l1", "grad_l2", "grad_edge", "normal_jump",
+                    "normal_edge", "normal_turn", "normal"]
         nodes = [f"{name}_{how}" for name in measures for how in ("bar", "plus")]
         cells = ["hex_linf", "hex_deviation"]
         store = self.here / "sets.isonest"

@@ -3,6 +3,7 @@ import csv
 import json
 import os
 import subprocess
+import warnings
 
 import numpy as np
 import pytest
@@ -94,8 +95,28 @@ def test_exported_values_and_indicators(store, store_path, noise, tmp_path):
     assert "deviation_bar" in caught.value.remedies[0] and not (tmp_path / "x.npy").exists()
 
 
+def test_renamed_indicators_warn_where_they_are_named(noise, tmp_path):
+    path = tmp_path / "x.isonest"
+    with pytest.warns(FutureWarning, match="normal_bar is now the paper's eta_N.*normal_jump_bar"):
+        isonest.preprocess(noise, path, indicators=["linf_bar", "normal_jump_bar", "normal_bar"])
+    store = isonest.open(path)
+    assert store.indicators == ["linf_bar", "normal_jump_bar", "normal_bar"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        store.export(tmp_path / "jump.npy", "normal_jump_bar")
+        with pytest.raises(FutureWarning):
+            store.study(["normal_bar"], steps=2)
+    with pytest.warns(FutureWarning, match="normal_bar"):
+        store.export(tmp_path / "new.npy", "normal_bar")
+    with pytest.warns(FutureWarning, match="now called normal_bar"):
+        store.export(tmp_path / "former.npy", "normal_component_bar")
+    new, former, jump = (np.load(tmp_path / f"{name}.npy") for name in ("new", "former", "jump"))
+    np.testing.assert_array_equal(new, former)
+    assert (jump >= new * 0.95).all() and (jump > new * 1.1).any()
+
+
 def test_a_study_has_the_programs_table(store, store_path, tmp_path):
-    fields = ["linf_plus", "deviation_bar", "lp:3_bar"]
+    fields = ["linf_plus", "lp:3_bar", "deviation_grad_lp:2_bar"]
     study = store.study(fields, norm=2, graph_distance=True, steps=4, least=0.01)
     run("study", store_path, "--fields", ",".join(fields), "--norm", "2", "--graph-distance", "--steps", "4",
         "--least", "0.01", "--out", tmp_path / "study")

@@ -134,7 +134,7 @@ def indicators_of_finest(values, steps):
         # Level 1: cubes with an edge of 2, whose refinement nodes have an odd coordinate.
         if (x % 2).any():
             eta = found.setdefault(tuple(map(int, x)), dict.fromkeys(("l1", "grad_linf", "grad_l1", "grad_l2", "grad_edge",
-                                                                      "normal", "normal_turn"), 0.0))
+                                                                      "normal_jump", "normal_turn"), 0.0))
             d = abs(number(x) - (number(t[i]) + number(t[j])) / 2)
             world = [np.array(h) @ steps.T for h in halves]
             sizes = [abs(np.linalg.det(w[1:] - w[0])) / 6 for w in world]
@@ -146,7 +146,7 @@ def indicators_of_finest(values, steps):
             eta["grad_l1"] += d * np.dot(sizes, hats)
             eta["grad_l2"] += np.dot(sizes, np.square(hats)) * d * d
             eta["grad_edge"] = 2 * d / np.linalg.norm((t[i] - t[j]) @ steps.T)
-            eta["normal"] = max(eta["normal"], np.linalg.norm(normals[0] - normals[1]))
+            eta["normal_jump"] = max(eta["normal_jump"], np.linalg.norm(normals[0] - normals[1]))
             eta["normal_turn"] = max(eta["normal_turn"], *(np.linalg.norm(n - own) for n in normals))
         for h in halves:
             refine(h)
@@ -402,7 +402,8 @@ class Sheared(Input):
             with h5py.File(store) as file:
                 for indicator in names:
                     with self.subTest(lattice=name, indicator=indicator):
-                        stored = file[f"levels/1/{indicator}_bar"][...]
+                        on_disk = "normal" if indicator == "normal_jump" else indicator
+                        stored = file[f"levels/1/{on_disk}_bar"][...]
                         at = np.array(list(wanted))
                         slot = (at % 2) @ [1, 2, 4] - 1
                         i, j, k = (at // 2).T

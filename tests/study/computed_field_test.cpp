@@ -198,11 +198,31 @@ TEST_CASE("gradient and curvature agree with those of spheres and circles") {
 
 TEST_CASE("names of computed fields are parsed and printed") {
     for (const char* name : {"lp:1", "lp:2.5_bar", "lp:inf_plus", "grad_lp:7_plus", "grad_lp:inf",
-                             "gradient_bar", "curvature", "curvature_plus"}) {
+                             "gradient_bar", "curvature", "curvature_plus", "graph_curvature_bar",
+                             "deviation_lp:2", "deviation_lp:64_bar", "deviation_lp:inf_plus",
+                             "deviation_grad_lp:1.5", "deviation_graph_bar"}) {
         CHECK(name_of(field_named(name)) == name);
     }
-    for (const char* name : {"lp", "lp:", "lp:0.5", "lp:nan", "lp:2x", "lp:-1", "grad_lp:", "linf",
-                             "linf_bar", "gradient_sum", "", "_bar", "lp:1e999"}) {
+    for (const char* name : {"lp",
+                             "lp:",
+                             "lp:0.5",
+                             "lp:nan",
+                             "lp:2x",
+                             "lp:-1",
+                             "grad_lp:",
+                             "linf",
+                             "linf_bar",
+                             "gradient_sum",
+                             "",
+                             "_bar",
+                             "lp:1e999",
+                             "gradient:2",
+                             "deviation",
+                             "deviation_bar",
+                             "deviation_lp",
+                             "deviation_lp:65",
+                             "deviation_graph:1",
+                             "deviation_grad_lp:0"}) {
         CAPTURE(name);
         CHECK_FALSE(computed_field_from_name(name));
     }

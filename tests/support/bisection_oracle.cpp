@@ -277,10 +277,10 @@ BisectionOracle::BisectionOracle(const Int3& n, std::function<double(const Int3&
             const auto raise = [&](Indicator which, double by) {
                 at(own, which) = std::max(at(own, which), around ? kInfinity : by);
             };
-            raise(normal, norm(difference(n_child[0], n_child[1])));
+            raise(normal_jump, norm(difference(n_child[0], n_child[1])));
             const Gradient jump = difference(n_child[0], n_child[1]);
             const Gradient across = normal_between_children(t);
-            raise(normal_component,
+            raise(normal,
                   std::fabs(jump[0] * across[0] + jump[1] * across[1] + jump[2] * across[2]));
             raise(normal_edge, mean > 1e-9 ? 4 * u / h / mean : 0);
             raise(normal_turn, std::max(norm(difference(n_child[0], n_whole)),

@@ -24,6 +24,7 @@
 #include "store/ranks/communicator.h"
 #include "store/remote/open_location.h"
 #include "tools/cli/mistyped.h"
+#include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/option_table.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/terminal/interrupt.h"
@@ -215,7 +216,8 @@ void gather_ranks(Communicator& ranks, Result& result) {
     }
 }
 
-Outcome run(const Program& program, const Invocation& chosen) {
+/// `notes`: added to the result's warning.
+Outcome run(const Program& program, const Invocation& chosen, const std::string& notes) {
     Result result = [&] {
         RunProgress progress(can_draw() && !chosen.quiet && !chosen.json, chosen.stages,
                              program.ranks);
@@ -225,6 +227,7 @@ Outcome run(const Program& program, const Invocation& chosen) {
         program.ranks->ignore_stop(true);  // this rank has finished its work
         gather_ranks(*program.ranks, result);
     }
+    result.warning += (notes.empty() || result.warning.empty() ? "" : "\n") + notes;
     if (!result.warning.empty()) {
         result.json["warning"] = result.warning;
     }
@@ -254,8 +257,8 @@ Json help_json(CLI::App& app) {
     return {{"commands", commands}};
 }
 
-Outcome parse_and_run(const Program& program, CLI::App& app, const Invocation& chosen, int argc,
-                      char** argv) {
+Outcome parse_and_run(const Program& program, CLI::App& app, const Invocation& chosen,
+                      std::string& notes, int argc, char** argv) {
     std::optional<std::string> wrong;
     try {
         app.parse(argc, argv);
@@ -283,7 +286,16 @@ Outcome parse_and_run(const Program& program, CLI::App& app, const Invocation& c
                                 command.empty() ? "" : " "));
     }
     watch_signals();
-    return run(program, chosen);
+    notes = notes_on_names(*app.get_subcommands().front());
+    return run(program, chosen, notes);
+}
+
+void tell_warning(const Program& program, const Outcome& outcome) {
+    if (!outcome.warning.empty()) {
+        std::fputs(
+            fmt::format("{}: warning: {}\n", program.name, shown_lines(outcome.warning)).c_str(),
+            stderr);
+    }
 }
 
 }  // namespace
@@ -299,16 +311,22 @@ Outcome run_program(const Program& program, int argc, char** argv) {
         const std::vector<CLI::App*> command = app.get_subcommands();
         return !command.empty() && command.front()->get_option_no_throw(option) != nullptr;
     };
-    return guarded(has, [&] {
+    std::string notes;
+    Outcome outcome = guarded(has, [&] {
         Invocation chosen;
         chosen.ranks = program.ranks;
         declare(program, app, chosen);
-        return parse_and_run(program, app, chosen, argc, argv);
+        return parse_and_run(program, app, chosen, notes, argc, argv);
     });
+    if (!outcome.message.empty()) {
+        outcome.warning = notes;
+    }
+    return outcome;
 }
 
 int tell(const Program& program, const Outcome& outcome, bool json) {
     if (!outcome.message.empty()) {
+        tell_warning(program, outcome);
         std::fputs(
             fmt::format("{}: error: {}\n", program.name, shown_lines(outcome.message)).c_str(),
             stderr);
@@ -319,11 +337,7 @@ int tell(const Program& program, const Outcome& outcome, bool json) {
         return outcome.exit_code;
     }
     let_a_closed_pipe_end_the_program();
-    if (!outcome.warning.empty()) {
-        std::fputs(
-            fmt::format("{}: warning: {}\n", program.name, shown_lines(outcome.warning)).c_str(),
-            stderr);
-    }
+    tell_warning(program, outcome);
     if (std::fputs(outcome.text.c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
         return tell(program,
                     failed(Error(ErrorKind::io, "cannot write to standard output"),

@@ -319,7 +319,7 @@ class Reader {
                 (out_.version < FormatVersion{2, 12} || !header.unknown_fields.empty() ||
                  std::count_if(header.fields.begin(), header.fields.end(), is_own) ==
                      2 * kMaxOwnIndicators);
-            const auto field = refused ? std::nullopt : field_from_name(name);
+            const auto field = refused ? std::nullopt : field_from_stored_name(name);
             if (field && *field != Field::values && header.unknown_fields.empty()) {
                 if (!header.fields.empty() && is_own(header.fields.back()) &&
                     !precedes(header.fields.back(), *field)) {

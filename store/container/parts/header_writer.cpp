@@ -63,7 +63,7 @@ void write_header(hid_t root, const StoreHeader& header) {
     write_attribute(root, "exact", static_cast<std::uint32_t>(header.exact ? 1 : 0));
     std::string fields;
     for (const Field field : header.fields) {
-        fields += (fields.empty() ? "" : ",") + std::string(name_of(field));
+        fields += (fields.empty() ? "" : ",") + std::string(stored_name_of(field));
     }
     write_attribute(root, "fields", fields);
     if (header.direction != kAlongWorld) {

@@ -22,14 +22,15 @@ enum class Indicator : std::uint8_t {
     grad_l1,    ///< eta_{1,1}: the integral of |grad U_delta| over the support
     grad_l2,    ///< eta_{1,2}: the square root of the integral of |grad U_delta|^2 over the support
     grad_edge,  ///< eta_{1,e} = 2 |U_delta| / h(e_ref)
-    normal,     ///< the largest jump of grad U / |grad U| over F_ref, as a vector
-    normal_edge,       ///< eta_{N,e}: the jump of the derivative along e_ref over |grad U|
-    normal_turn,       ///< the largest change of grad U / |grad U| from an element to its children
-    normal_component,  ///< eta_N: the largest component normal to F_ref of that jump
+    normal_jump,  ///< the largest jump of grad U / |grad U| over F_ref, as a vector
+    normal_edge,  ///< eta_{N,e}: the jump of the derivative along e_ref over |grad U|
+    normal_turn,  ///< the largest change of grad U / |grad U| from an element to its children
+    normal,       ///< eta_N: the largest component normal to F_ref of that jump
     /// For a hexahedral (quadrilateral) cell: the largest |U - U_C| over the nodes that refine it;
     /// U_C is d-linear between its corners.
     hex_offset,
-    of_user  ///< any indicator that a user of the library defined (own_field())
+    of_user,  ///< any indicator that a user of the library defined (own_field())
+    normal_component [[deprecated("now called normal")]] = normal
 };
 /// Number of indicators of nodes that the library defines: all but hex_offset and of_user.
 inline constexpr int kIndicatorCount = 12;
@@ -59,26 +60,36 @@ enum class Field : std::uint16_t {
     grad_l2_plus,
     grad_edge_bar,
     grad_edge_plus,
-    normal_bar,
-    normal_plus,
+    normal_jump_bar,
+    normal_jump_plus,
     normal_edge_bar,
     normal_edge_plus,
     normal_turn_bar,
     normal_turn_plus,  ///< a bound on |N - N^l|, N = grad U / |grad U|
-    normal_component_bar,
-    normal_component_plus,
-    hex_linf,      ///< hex_offset with saturation bar: an estimate
-    hex_deviation  ///< hex_offset with saturation plus: a bound on |U - P|, P the projection on
-                   ///< hexahedral cells
+    normal_bar,
+    normal_plus,
+    hex_linf,       ///< hex_offset with saturation bar: an estimate
+    hex_deviation,  ///< hex_offset with saturation plus: a bound on |U - P|, P the projection on
+                    ///< hexahedral cells
+    normal_component_bar [[deprecated("now called normal_bar")]] = normal_bar,
+    normal_component_plus [[deprecated("now called normal_plus")]] = normal_plus
 };
 /// Number of fields that the library defines.
 inline constexpr int kFieldCount = 1 + 2 * kIndicatorCount + 2;
 
-/// The name in the store and on the command line.
+/// The name in C++, in Python and on the command line.
 std::string_view name_of(Field field);
-/// Also accepts the name of any own indicator, "own:NAME_bar"; throws Error{limit} for too many
-/// different ones, like own_field().
+/// Also accepts the name of any own indicator, "own:NAME_bar", and former names; throws
+/// Error{limit} for too many different own ones, like own_field().
 std::optional<Field> field_from_name(std::string_view name);
+/// One sentence on a name that had another meaning in the previous version, or on a former name;
+/// empty for all others. Show it where a user gave the name.
+std::string note_on_name(std::string_view name);
+/// The name in a store, which never changes (store/FORMAT.md, section 4). It differs from name_of()
+/// where an indicator was renamed.
+std::string_view stored_name_of(Field field);
+/// Inverse of stored_name_of(); otherwise like field_from_name().
+std::optional<Field> field_from_stored_name(std::string_view name);
 /// REQUIRES: field != values.
 Indicator indicator_of(Field field);
 Saturation saturation_of(Field field);

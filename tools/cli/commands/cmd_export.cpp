@@ -61,8 +61,9 @@ void add_export(CLI::App& app, Invocation& chosen) {
          "type of the input (64-bit labels: int64). An indicator is float32 on the finest lattice, "
          "0 at the macro vertices.\n\nIndicators: " +
              list_names(node_indicators()) +
-             "; computed in memory, at 20 bytes per node: lp:P, grad_lp:P (P from 1 to inf), "
-             "gradient, curvature, alone or with _bar or _plus.",
+             "; computed in memory, at 20 bytes per node: lp:P, grad_lp:P, deviation_lp:P, "
+             "deviation_grad_lp:P (P from 1 to inf), gradient, curvature, graph_curvature, "
+             "deviation_graph, alone or with _bar or _plus.",
          "isonest export scan.isonest -o scan.nrrd\n"
          "isonest export scan.isonest --level 2 -o quarter.nrrd\n"
          "isonest export scan.isonest --field deviation_bar -o deviation.h5\n"

@@ -221,6 +221,18 @@ std::vector<AnyField> parse_study_fields(const std::string& text) {
     return fields;
 }
 
+/// note_on_name() for the studied fields, a line each.
+std::string notes_on_rows(const Study& study) {
+    std::string notes;
+    for (const StudyRow& row : study.rows) {
+        const std::string note = note_on_name(name_of(row.field));
+        if (!note.empty() && notes.find(note) == std::string::npos) {
+            notes += note + "\n";
+        }
+    }
+    return notes;
+}
+
 Result run(StudyArguments& a, Progress& progress) {
     const Store opened = open_required_store(a.store, a.remote, a.study.memory, progress);
     const std::filesystem::path folder = a.folder;
@@ -267,6 +279,9 @@ Result run(StudyArguments& a, Progress& progress) {
         a.folder, s.rows.size() / static_cast<std::size_t>(a.study.steps), a.study.steps,
         s.all_elements, s.all_cells);
     result.text += rounding_note(opened);
+    if (a.study.fields.empty()) {  // named fields have their note already
+        result.text += notes_on_rows(s);
+    }
     add_fetched(opened, result);
     return result;
 }
@@ -282,9 +297,10 @@ void add_study(CLI::App& app, Invocation& chosen) {
          "adaptive mesh of the volume, the elements visited to find them, the error of the "
          "function on the mesh in three norms, and the efficiency 1 / (visited elements x error), "
          "also for elements instead of visited ones, as study.csv and as plots (.svg, .png). "
-         "--fields also accepts the computed fields lp:P_bar, grad_lp:P_bar (P from 1 to inf), "
-         "gradient_bar and curvature_bar, or with _plus. The volume must fit into memory, at 20 "
-         "bytes per node.",
+         "--fields also accepts the computed fields lp:P_bar, grad_lp:P_bar, deviation_lp:P_bar, "
+         "deviation_grad_lp:P_bar (P from 1 to inf), gradient_bar, curvature_bar, "
+         "graph_curvature_bar, deviation_graph_bar and, of cells, hex_lp:P_bar and "
+         "hex_grad_lp:P_bar, or with _plus. The volume must fit into memory, at 20 bytes per node.",
          "isonest preprocess map.h5 --indicators all -o map.isonest\n"
          "isonest study map.isonest --out map-study\n"
          "isonest study head.isonest --fields linf_bar,normal_bar --iso 120 --out study\n"

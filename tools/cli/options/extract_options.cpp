@@ -57,6 +57,25 @@ std::vector<Field> parse_indicators(const std::string& option, const std::string
     return fields;
 }
 
+std::string notes_on_names(const CLI::App& command) {
+    std::string notes;
+    for (const char* const name : {"--indicators", "--field", "--fields", "--stop", "--bound",
+                                   "--cull-by", "--vertex-error"}) {
+        const CLI::Option* const option = command.get_option_no_throw(name);
+        const std::string text =
+            option == nullptr || option->count() == 0 ? "" : option->results().back();
+        for (std::size_t begin = 0; begin <= text.size();) {
+            const std::size_t end = std::min(text.find(',', begin), text.size());
+            const std::string note = note_on_name(text.substr(begin, end - begin));
+            if (!note.empty() && notes.find(note) == std::string::npos) {
+                notes += (notes.empty() ? "" : "\n") + note;
+            }
+            begin = end + 1;
+        }
+    }
+    return notes;
+}
+
 namespace {
 
 double parse_positive(const std::string& option, const std::string& text, bool or_zero) {

@@ -23,6 +23,9 @@ Field parse_field_or_values(const std::string& option, const std::string& text);
 /// (indicators_from_name()). Returns them in the order of a store, without duplicates. Throws what
 /// parse_field() throws.
 std::vector<Field> parse_indicators(const std::string& option, const std::string& text);
+/// note_on_name() for the names in the options of the parsed command, a line each; empty if there
+/// are none.
+std::string notes_on_names(const CLI::App& command);
 
 /// The parsed options.
 struct ExtractArguments {

@@ -338,8 +338,8 @@ class Store(Extracting):
         """Writes a field as a volume file: .h5, .nrrd, .nii, .vti, .npy, .mha or .raw.
 
         field: "values" in their type, or an indicator as float32 on the finest lattice, 0 at the macro vertices.
-            Indicators that are never stored, such as "lp:3", "grad_lp:1.5_bar", "gradient" or "curvature_plus", are
-            computed in memory, which takes 20 bytes per node.
+            Indicators that are never stored, such as "lp:3", "grad_lp:1.5_bar", "curvature_plus", "graph_curvature"
+            or "deviation_lp:2", are computed in memory, which takes 20 bytes per node.
         level: for values, as in :meth:`values`; for an indicator, only nodes of this level and coarser.
         replace: overwrite an existing file.
         """

@@ -15,8 +15,21 @@
 #include <isonest/error.h>
 
 namespace isonest::python {
+namespace {
+
+/// Warns if the name was renamed. REQUIRES: the global interpreter lock is held. Throws
+/// py::error_already_set if warnings are errors.
+void warn_of_renamed(const std::string& name) {
+    const std::string note = note_on_name(name);
+    if (!note.empty() && PyErr_WarnEx(PyExc_FutureWarning, note.c_str(), 2) != 0) {
+        throw py::error_already_set();
+    }
+}
+
+}  // namespace
 
 Field field_of_name(const std::string& name) {
+    warn_of_renamed(name);
     const std::optional<Field> field = field_from_name(name);
     if (!field) {
         throw Error(ErrorKind::invalid_argument, "there is no field '" + name + "'",
@@ -26,6 +39,7 @@ Field field_of_name(const std::string& name) {
 }
 
 Field indicator_of_name(const std::string& name) {
+    warn_of_renamed(name);
     const std::optional<Field> field = field_from_name(name);
     if (!field || *field == Field::values) {
         throw Error(ErrorKind::invalid_argument, "there is no indicator '" + name + "'",
@@ -37,6 +51,7 @@ Field indicator_of_name(const std::string& name) {
 std::vector<Field> indicators_of_names(const std::vector<std::string>& names) {
     std::vector<Field> fields;
     for (const std::string& name : names) {
+        warn_of_renamed(name);
         const std::vector<Field> named = indicators_from_name(name);
         if (named.empty()) {
             throw Error(ErrorKind::invalid_argument, "there is no indicator '" + name + "'",

@@ -41,8 +41,9 @@ void export_store_field(const OpenStore& handle, const std::filesystem::path& pa
                         const std::string& field, int level, bool replace, std::uint64_t memory,
                         const py::object& progress) {
     const std::shared_ptr<const Store> store = handle.get();
+    const AnyField named = any_field(field, field_of_name);
     run_watched(progress, [&](Progress& p) {
-        export_field(*store, path, {any_field(field, field_of_name), level, replace, memory}, p);
+        export_field(*store, path, {named, level, replace, memory}, p);
     });
 }
 
