@@ -48,11 +48,19 @@ class SourceOptions:
     def set_remote(self, headers: Sequence[str], cache: _Path, cache_bytes: int, memory: int) -> None: ...
 
 def source_of_files(paths: Sequence[_Path], options: SourceOptions) -> Source: ...
-def source_of_array(array: np.ndarray, *, spacing: _Double3, origin: _Double3, unit: Optional[str], frame: Optional[str], name: str, identified: bool,
+def source_of_array(array: np.ndarray, *, spacing: _Double3, origin: _Double3,
+                    direction: Sequence[_Double3], unit: Optional[str], frame: Optional[str], name: str, identified: bool,
                     files: Sequence[str], missing: Optional[float]) -> Source: ...
-def source_of_reader(reader: Any, *, nodes: _Int3, dtype: np.dtype, spacing: _Double3, origin: _Double3, unit: Optional[str], frame: Optional[str], name: str,
+def source_of_reader(reader: Any, *, nodes: _Int3, dtype: np.dtype, spacing: _Double3, origin: _Double3,
+                     direction: Sequence[_Double3], unit: Optional[str], frame: Optional[str], name: str,
                      planes: int, rows: int, heap: int, identity: str, files: Sequence[str],
                      missing: Optional[float]) -> Source: ...
+
+def place_of_steps(nodes: _Int3, steps: Sequence[_Double3], first: _Double3,
+                   name: str) -> Tuple[List[float], List[float], List[List[float]], List[bool]]: ...
+def place_of_coordinates(nodes: _Int3, axes: Sequence[Optional[Tuple[str, Sequence[float], str]]],
+                         name: str) -> Tuple[List[float], List[float], Optional[str]]: ...
+def input_format_of(path: _Path) -> str: ...
 
 class PreprocessOptions:
     memory: int
@@ -96,6 +104,7 @@ class PreprocessReport:
 
 class TriangleQuality:
     """Distribution of the smallest angles of the triangles, in degrees."""
+    def __init__(self) -> None: ...
     @property
     def least(self) -> float: ...
     @property
@@ -111,6 +120,7 @@ class TriangleQuality:
 
 class Report:
     """The report of an extraction: how the mesh was made, and its properties."""
+    def __init__(self) -> None: ...
     @property
     def vertices(self) -> int: ...
     @property
