@@ -218,7 +218,7 @@ TEST_CASE("a rounded store is the store of rounded values, but for its header") 
     const StoreReader tolerant = made(given, rounding, "tolerant.isonest", 256U << 20U);
     CHECK(plain.layout().header().rounding.none());
     CHECK(tolerant.layout().header().rounding == rounding);
-    CHECK(plain.version() < tolerant.version());
+    CHECK(tolerant.version() == FormatVersion{2, 13});
     for (const ArrayInfo& array : plain.layout().arrays()) {
         for (std::int64_t i = 0; i < array.grid.product(); ++i) {
             const Int3 chunk = array.grid.unlinear(i);

@@ -1,8 +1,10 @@
 """Type hints: the stub matches the compiled module, and the package type-checks."""
 import ast
+import json
 import os
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
 
@@ -76,17 +78,57 @@ def test_mypy_agrees(tmp_path, folder):
     assert done.returncode == 0, done.stdout
 
 
+RIGHT = ["isonest.isosurface(volume, 0.1, distance=0.5, spacing=(1, 1, 2)).save('m.ply')",
+         "len(isonest.isosurface(volume, [0.1, 0.2], effort='fast'))",
+         "isonest.isosurface(volume, level=0.1, mask=volume > 0, step_size=2, origin=(0, 0, 1)).vertices.sum()",
+         "isonest.isosurface(volume, level=[0.1, 0.2])[0].faces.sum()",
+         "store.isosurface(0.1, error=1, indicator='plus', components='largest').save('m.ply')",
+         "store.isosurface(level=0.1)[0].sum() + store[1:2, :, 3].sum() + len(store)",
+         "vertices, faces, normals, values = isonest.isosurface(volume)",
+         "print(vertices.sum(), faces.max(), normals.min(), values.mean())"]
+WRONG = ["isonest.isosurface(volume, 0.1, errr=3)", "store.isosurface(0.1, errr=3)",
+         "isonest.isosurface(volume, 0.1, effort='fastest')", "store.isosurface(0.1, close='yes')",
+         "isonest.isosurface(volume, 0.1, method='lewiner')", "isonest.isosurface(volume, 0.1, level=[0.1])",
+         "store.isosurface(0.1).vertices.nothing", "isonest.isosurface(volume)[0].nothing", "store[0].nothing"]
+
+
+def typed(folder):
+    """A file with the right and the wrong lines, and the numbers of the wrong ones."""
+    (folder / "typed.py").write_text("import numpy as np\nimport isonest\nvolume = np.zeros((4, 4, 4))\n"
+                                     "store = isonest.open('x')\n" + "\n".join(RIGHT + WRONG) + "\n")
+    return set(range(5 + len(RIGHT), 5 + len(RIGHT) + len(WRONG)))
+
+
 def test_mypy_knows_the_keywords_and_their_values(tmp_path):
     pytest.importorskip("mypy")
-    right = ["isonest.isosurface(volume, 0.1, distance=0.5, spacing=(1, 1, 2)).save('m.ply')",
-             "len(isonest.isosurface(volume, [0.1, 0.2], effort='fast'))",
-             "store.isosurface(0.1, error=1, indicator='plus', components='largest').save('m.ply')"]
-    wrong = ["isonest.isosurface(volume, 0.1, errr=3)", "store.isosurface(0.1, errr=3)",
-             "isonest.isosurface(volume, 0.1, effort='fastest')", "store.isosurface(0.1, close='yes')"]
-    text = "import isonest\nvolume = [[[1.0]]]\nstore = isonest.open('x')\n" + "\n".join(right + wrong) + "\n"
-    (tmp_path / "typed.py").write_text(text)
+    wrong = typed(tmp_path)
     done = subprocess.run([sys.executable, "-m", "mypy", "--ignore-missing-imports", "--cache-dir", tmp_path, "typed.py"],
                           capture_output=True, text=True, check=False, cwd=tmp_path,
                           env={**os.environ, "MYPYPATH": str(PACKAGE.parent)})
     lines = {int(line.split(":")[1]) for line in done.stdout.splitlines() if ": error:" in line}
-    assert lines == {4 + len(right) + i for i in range(len(wrong))}, done.stdout
+    assert lines == wrong, done.stdout
+
+
+def test_mypy_agrees_with_the_example(tmp_path):
+    pytest.importorskip("mypy")
+    done = subprocess.run([sys.executable, "-m", "mypy", "--strict", "--ignore-missing-imports", "--cache-dir", tmp_path,
+                           SOURCES / "examples/first_surface.py"], capture_output=True, text=True, check=False,
+                          cwd=tmp_path, env={**os.environ, "MYPYPATH": str(PACKAGE.parent)})
+    assert done.returncode == 0, done.stdout
+
+
+def test_pyright_agrees(tmp_path):
+    """Pyright is no package of Debian's: npm install --global pyright, or PYRIGHT=..."""
+    pyright = shutil.which(os.environ.get("PYRIGHT", "pyright"))
+    if pyright is None:
+        pytest.skip("pyright is not installed")
+    wrong = typed(tmp_path)
+    (tmp_path / "pyrightconfig.json").write_text(json.dumps({
+        "extraPaths": [str(PACKAGE.parent)], "reportAttributeAccessIssue": "error", "reportUnusedExpression": "none",
+        "pythonVersion": "3.9"}))
+    (tmp_path / "example.py").write_bytes((SOURCES / "examples/first_surface.py").read_bytes())
+    done = subprocess.run([pyright, "--outputjson", "--pythonpath", sys.executable, "-p", tmp_path], capture_output=True, text=True,
+                          check=False)
+    found = json.loads(done.stdout)["generalDiagnostics"]
+    assert {(pathlib.Path(one["file"]).name, one["range"]["start"]["line"] + 1) for one in found
+            if one["severity"] == "error"} == {("typed.py", line) for line in wrong}, found

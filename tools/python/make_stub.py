@@ -12,7 +12,10 @@ import copy
 import pathlib
 import sys
 
-RESULTS = (("float", "Mesh"), ("Sequence[float]", "list[Mesh]"))
+# The types of iso=, of level=, its other name, and of the result. Only the argument that is not None may be left out,
+# and only if it is a number.
+KINDS = (("Optional[float]", "Optional[float]", "Mesh"), ("Sequence[float]", "None", "list[Mesh]"),
+         ("None", "Sequence[float]", "list[Mesh]"))
 
 
 def expression(text):
@@ -25,16 +28,16 @@ def module(folder, name):
 
 def overloads(function, query):
     """The signatures of a function isosurface, with the keywords of `query` in place of its own `**query`."""
-    for iso, result in RESULTS:
+    for iso, level, result in KINDS:
         signature = copy.deepcopy(function)
         arguments = signature.args
         at = next(i for i, a in enumerate(arguments.args) if a.arg == "iso")
-        has_default = len(arguments.args) - at <= len(arguments.defaults)
-        if has_default and iso == "float":
-            iso = f"Optional[{iso}]"
-        elif has_default:
+        by_name = next(i for i, a in enumerate(arguments.kwonlyargs) if a.arg == "level")
+        arguments.args[at].annotation, arguments.kwonlyargs[by_name].annotation = expression(iso), expression(level)
+        if iso == "Sequence[float]":
             arguments.defaults.pop()
-        arguments.args[at].annotation = expression(iso)
+        if level == "Sequence[float]":
+            arguments.kw_defaults[by_name] = None
         if arguments.kwarg is not None:
             own = {a.arg for a in arguments.kwonlyargs}
             more = [(a, d) for a, d in zip(query.args.kwonlyargs, query.args.kw_defaults) if a.arg not in own]

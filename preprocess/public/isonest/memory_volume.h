@@ -27,6 +27,7 @@ struct MemoryLayout {
     std::string name = "memory";
     std::optional<LengthUnit> unit = {};               ///< length of a world unit, if known
     AnatomicalFrame frame = AnatomicalFrame::unknown;  ///< of the world axes
+    Directions direction = kAlongWorld;
 };
 
 /// A volume in memory owned by the caller, which must stay in place and unchanged for the lifetime

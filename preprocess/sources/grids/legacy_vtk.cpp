@@ -155,7 +155,8 @@ class Parser {
                                     wanted_.empty() ? std::string(" of points")
                                                     : fmt::format(" '{}'", wanted_),
                                     list_.empty() ? " none" : list_),
-                        {{RemedyKind::choose_dataset}});
+                        wanted_.empty() ? std::vector<Remedy>{{RemedyKind::choose_dataset}}
+                                        : std::vector<Remedy>{});
         }
         return header_;
     }

@@ -56,7 +56,8 @@ const VtiArray& choose(const std::vector<VtiArray>& arrays, const SourceOptions&
                                 options.dataset.empty() ? std::string("of points")
                                                         : fmt::format("'{}'", options.dataset),
                                 list_of(arrays)),
-                    {{RemedyKind::choose_dataset}});
+                    options.dataset.empty() ? std::vector<Remedy>{{RemedyKind::choose_dataset}}
+                                            : std::vector<Remedy>{});
     }
     if (options.dataset.empty() && points > 1) {
         throw Error(ErrorKind::invalid_argument, {name},

@@ -2,9 +2,10 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import os
 import re
-from typing import Any, Callable, Iterator, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Iterable, Iterator, Mapping, Optional, Sequence, Tuple, Union
 
 Point = Sequence[float]
 """Three numbers, in the order of the array's axes (z, y, x) or, in world coordinates, (x, y, z)."""
@@ -95,7 +96,7 @@ def backwards(numbers: Sequence[Any]) -> tuple[Any, Any, Any]:
 
 def per_axis(name: str, numbers: Sequence[Any], ndim: int, along_z: Any) -> tuple[Any, Any, Any]:
     """Numbers for the axes of an array with ``ndim`` axes as (x, y, z); ``along_z`` is inserted for two axes."""
-    if len(numbers) != ndim:
+    if not hasattr(numbers, "__len__") or len(numbers) != ndim:
         raise ValueError(f"{name}={numbers!r}: give {ndim} numbers, in the order of the array's axes")
     return backwards((along_z, *numbers) if ndim == 2 else numbers)
 
@@ -132,3 +133,13 @@ def reporting(progress: Progress) -> Iterator[Optional[ProgressFunction]]:
     finally:
         if bar is not None:
             bar.close()
+
+
+def refuse_unknown(function: str, given: Iterable[str], known: Iterable[str], ways: Mapping[str, str]) -> None:
+    """Raises TypeError for a keyword that a public function does not have: with the way to do it, or a similar name."""
+    names = list(known)
+    for name in given:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, 1)
+            advice = ways.get(name) or (f"did you mean {near[0]}=?" if near else "")
+            raise TypeError(f"{function}() got an unexpected keyword argument {name!r}" + (f"; {advice}" if advice else ""))

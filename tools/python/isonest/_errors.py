@@ -1,6 +1,8 @@
 """The exceptions of isonest. Each also derives from a suitable built-in exception."""
 from __future__ import annotations
 
+from typing import Sequence
+
 
 class Error(Exception):
     """Base class of all exceptions of isonest."""
@@ -45,3 +47,11 @@ class MemoryLimitError(LimitError, MemoryError):
 
 class CancelledError(Error, KeyboardInterrupt):
     """The work was interrupted."""
+
+
+def made(kind: "type[Error]", file: str, problem: str, remedies: "Sequence[str]" = (), inside: str = "") -> Error:
+    """An exception with all its attributes, and the message that is made of them."""
+    advice = "; " + ", or ".join(remedies) if remedies else ""
+    error = kind(f"{file}: {problem}{advice}" if file else problem + advice)
+    error.file, error.inside, error.problem, error.remedies = file, inside, problem, tuple(remedies)
+    return error

@@ -25,7 +25,9 @@ class Extracting:
     def _frame(self) -> Frame:
         raise NotImplementedError
 
-    def isosurface(self, iso: "float | Sequence[float]", *, error: float = 0.0, error_relative: Optional[float] = None,
+    @_queries.with_ways("isosurface")
+    def isosurface(self, iso: "float | Sequence[float] | None" = None, *, level: "float | Sequence[float] | None" = None,
+                   error: float = 0.0, error_relative: Optional[float] = None,
                    indicator: ErrorIndicator = "deviation", stop: Optional[str] = None,
                    threshold: Optional[float] = None, threshold_relative: Optional[float] = None,
                    distance: Distance = None, triangles: Optional[int] = None, by: By = "distance",
@@ -42,7 +44,7 @@ class Extracting:
         """Extracts the surface on which the data have the value ``iso``; for data in a plane, isolines.
 
         iso: a number; or several numbers, for which the store is read once and a list of meshes is returned, the same
-            meshes as for each isovalue alone.
+            meshes as for each isovalue alone. level: another name of iso.
         error: largest difference between the data and ``iso`` anywhere on the mesh, in units of the data; 0 is full
             resolution. error_relative: the same as a fraction of the data's range.
         indicator: "deviation" and "plus" are bounds, "estimate" is not.
@@ -87,6 +89,9 @@ class Extracting:
 
         The mesh is empty if the value does not occur. Raises subclasses of :class:`isonest.Error`.
         """
+        iso = _queries.isovalue(iso, level)
+        if iso is None:
+            raise TypeError("isosurface() needs iso=, the value at which the surface lies; Store.histogram() suggests some")
         flip = _queries.is_flipped(gradient_direction)
         place = self._place(coordinates)
         query = _core.SurfaceQuery()
@@ -109,10 +114,9 @@ class Extracting:
         query.set_volume_interval(volume_interval)
         options = _queries.options(memory, threads, scratch, quality)
         if np.ndim(iso) == 0:
-            level = float(iso)  # type: ignore[arg-type]
-            query.set_iso(level)
-            return self._extract(query, options, progress, place, level=level, flip=flip)
-        levels = [float(level) for level in iso]  # type: ignore[union-attr]
+            query.set_iso(float(iso))  # type: ignore[arg-type]
+            return self._extract(query, options, progress, place, level=float(iso), flip=flip)  # type: ignore[arg-type]
+        levels = [float(one) for one in iso]  # type: ignore[union-attr]
         return self._extract_levels(levels, query, options, progress, place, flip=flip)
 
     def label_surface(self, label: "int | str", *, distance: Distance = None, triangles: Optional[int] = None,

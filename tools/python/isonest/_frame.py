@@ -9,7 +9,7 @@ from ._arguments import backwards
 
 _Vector = tuple[float, float, float]
 Directions = tuple[_Vector, _Vector, _Vector]
-_ALONG_WORLD = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+ALONG_WORLD = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class Frame(NamedTuple):
@@ -17,7 +17,7 @@ class Frame(NamedTuple):
 
     origin: _Vector
     """World position of the first node, (x, y, z)."""
-    direction: Directions = _ALONG_WORLD
+    direction: Directions = ALONG_WORLD
     """World directions of the axes x, y and z."""
 
     @classmethod
@@ -29,7 +29,7 @@ class Frame(NamedTuple):
 
     @property
     def _turned(self) -> bool:
-        return self.direction != _ALONG_WORLD
+        return self.direction != ALONG_WORLD
 
     @property
     def _sheared(self) -> bool:

@@ -73,7 +73,7 @@ class _Volume(Extracting):
 
 
 def march(volume: Any, iso: "Union[None, float, Sequence[float]]", *, spacing: Optional[Sequence[float]],
-          unit: Optional[str], frame: Optional[_sources.PatientFrame], missing: Optional[float], memory: Bytes,
+          origin: Optional[Sequence[float]], every: int, unit: Optional[str], frame: Optional[_sources.PatientFrame], missing: Optional[float], memory: Bytes,
           **query: Any) -> "Union[Mesh, list[Mesh]]":
     """Extracts the surface, for several isovalues a list of surfaces; raises NeedsStore if that needs a store.
 
@@ -82,8 +82,8 @@ def march(volume: Any, iso: "Union[None, float, Sequence[float]]", *, spacing: O
     budget = to_bytes(memory)
 
     def open_source() -> Any:
-        return _sources.of_volume(volume, identified=False, memory=budget, spacing=spacing, unit=unit, frame=frame,
-                                  missing=missing)
+        return _sources.of_volume(volume, identified=False, memory=budget, spacing=spacing, origin=origin,
+                                  every=every, unit=unit, frame=frame, missing=missing)
 
     return _Volume(open_source, iso is None).isosurface(
         0.0 if iso is None else iso, memory=budget - _sources.for_fetching(volume, budget), **query)

@@ -2,14 +2,15 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Iterator, Literal, Optional
+from typing import Any, Iterator, Literal, Optional, cast, overload
 
 import numpy as np
 
-from . import _core
+from . import _core, _picture, _reports
 from ._arguments import Progress, reporting
 from ._frame import Frame
 
+_reports.register()
 Space = Literal["ras", "lps", "as-stored"]
 
 
@@ -20,8 +21,12 @@ class Mesh:
     scikit-image's ``marching_cubes``: positions in the array in the order of its axes (z, y, x), times the spacing. In
     world coordinates they are (x, y, z) and include the store's origin.
 
-    A mesh can be unpacked: ``vertices, faces, normals, values = mesh``.
+    A mesh can be used as the tuple of ``marching_cubes``: ``vertices, faces, normals, values = mesh``, ``mesh[0]``,
+    ``len(mesh)`` is 4. It is False if it has no faces. It can be pickled and copied.
     """
+
+    report: _core.Report
+    """How the mesh was made, and its properties."""
 
     def __init__(self, parts: tuple, *, coordinates: str, frame: Frame, flip: bool, level: Optional[float],
                  labels: Optional[np.ndarray] = None, areas: "Optional[dict[tuple[int, int], float]]" = None) -> None:
@@ -86,13 +91,41 @@ class Mesh:
         """For interfaces, the area in square world units per pair of labels. None for other meshes."""
         return self._areas
 
-    def __iter__(self) -> Iterator[Any]:
-        return iter((self.vertices, self.faces, self.normals, self.values))
+    def _as_tuple(self) -> "tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]":
+        # As in scikit-image, so that the third one needs no test; it is None if there are no normals.
+        return self.vertices, self.faces, cast(np.ndarray, self.normals), self.values
+
+    def __iter__(self) -> "Iterator[np.ndarray]":
+        return iter(self._as_tuple())
+
+    def __len__(self) -> int:
+        return 4
+
+    @overload
+    def __getitem__(self, index: int) -> np.ndarray: ...
+    @overload
+    def __getitem__(self, index: slice) -> "tuple[np.ndarray, ...]": ...
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._as_tuple()[index]
+
+    def __bool__(self) -> bool:
+        return len(self._elements) > 0
+
+    def __array__(self, *_: Any, **__: Any) -> np.ndarray:
+        raise TypeError("a mesh is several arrays: give mesh.vertices, mesh.faces, mesh.normals or mesh.values")
 
     def __repr__(self) -> str:
         kind = "lines" if self._elements.shape[1] == 2 else "faces"
         return f"<isonest.Mesh: {len(self._positions)} vertices, {len(self._elements)} {kind}, " \
                f"{self._coordinates} coordinates>"
+
+    def __getstate__(self) -> "dict[str, Any]":
+        # The vertices are computed again.
+        return {**self.__dict__, "_vertices": None}
+
+    def _repr_html_(self) -> str:
+        return _picture.html_of(repr(self), self.in_world().vertices, self.in_world().faces)
 
     def _other(self, coordinates: str) -> "Mesh":
         parts = (self._positions, self._elements, self._normals, self._values, self._errors, self._layout,
@@ -174,6 +207,12 @@ class Mesh:
         if self._values is not None:
             data.GetPointData().SetActiveScalars("value")
         return data
+
+    def to_pyvista(self) -> Any:
+        """Converts to a ``pyvista.PolyData`` in world coordinates; memory as for :meth:`to_vtk`."""
+        import pyvista
+
+        return pyvista.wrap(self.to_vtk())
 
     def to_meshio(self) -> Any:
         """Converts to a ``meshio.Mesh`` in world coordinates."""

@@ -1,13 +1,15 @@
 """Converts arguments to queries: checks combinations, and converts to world coordinates."""
 from __future__ import annotations
 
+import functools
+import inspect
 import os
-from typing import Any, Literal, NamedTuple, Optional, Union
+from typing import Any, Callable, Literal, NamedTuple, Optional, TypeVar, Union, cast
 
 import numpy as np
 
 from . import _core
-from ._arguments import Box, Bytes, Point, to_bytes, to_distance, to_point
+from ._arguments import Box, Bytes, Point, refuse_unknown, to_bytes, to_distance, to_point
 from ._frame import Frame
 
 ErrorIndicator = Literal["deviation", "plus", "estimate"]
@@ -168,6 +170,44 @@ def set_components(query: Any, components: Components, min_component: int, min_v
         raise ValueError("components= must be at least 1, min_component= at least 0")
     if components is not None or min_component or min_volume:
         query.set_components(largest, int(min_component), float(min_volume))
+
+
+def isovalue(iso: Any, level: Any) -> Any:
+    """The value given by either name; None if there is none. Raises TypeError for both."""
+    if level is None:
+        return iso
+    if iso is not None:
+        raise TypeError("isosurface() got both iso= and level=, which are two names of one argument")
+    return level
+
+
+OF_MARCHING_CUBES = {
+    "method": "there is one method: leave it out",
+    "mask": "it is for isonest.isosurface() with an array; a store can be made of np.ma.masked_array(volume, ~mask)",
+    "step_size": "it is for isonest.isosurface(); of a store, error= and distance= make smaller meshes, within a bound",
+    "allow_degenerate": "leave it out: no triangle has an area of 0, except for report.zero_area_triangles",
+    "spacing": "it is given to isonest.preprocess()",
+    "origin": "it is given to isonest.preprocess()",
+}
+"""What to do in place of an argument of scikit-image's marching_cubes, or of isonest.isosurface, for a store."""
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+
+def with_ways(name: str) -> Callable[[_F], _F]:
+    """Makes a method answer unknown keywords with the way to do it, by the name that its callers know."""
+    def wrap(method: _F) -> _F:
+        known = inspect.signature(method).parameters.keys() - {"self"}
+
+        @functools.wraps(method)
+        def checked(*arguments: Any, **keywords: Any) -> Any:
+            if not keywords.keys() <= known:
+                refuse_unknown(name, keywords, known, OF_MARCHING_CUBES)
+            return method(*arguments, **keywords)
+
+        return cast(_F, checked)
+
+    return wrap
 
 
 def set_close(query: Any, close: Close) -> None:

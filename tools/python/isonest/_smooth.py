@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from . import _core, _sources
+from . import _core, _images, _sources
 from ._arguments import Bytes, Progress, reporting, to_bytes
 from ._core import SmoothStep
 from ._store import Store
@@ -54,6 +54,7 @@ def smooth(volume: Any, *, steps: int, tau: float, lambda_: float, sigma: Option
     options.threshold, options.snapshots, options.grid = float(threshold), {int(step) for step in snapshots}, bool(grid)
     options.output, options.replace = None if output is None else os.fspath(output), replace
     options.memory, options.threads = to_bytes(memory), int(threads)
+    _sources.refuse_unknown_reading("smooth", reading)
     source: Any
     if isinstance(volume, Store):
         if reading:
@@ -64,6 +65,7 @@ def smooth(volume: Any, *, steps: int, tau: float, lambda_: float, sigma: Option
         options.memory -= _sources.for_fetching(volume, options.memory)
     with reporting(progress) as report:
         values, nodes, done, kept = _core.smooth(source, options, report)
-    shape = values.shape if isinstance(volume, Store) else tuple(getattr(volume, "shape", values.shape))
+    ndim = 3 if isinstance(volume, Store) or _sources.is_files(volume) else len(_images.image_of(volume).values.shape)
+    shape = values.shape[3 - ndim:]
     return Smoothed(values.reshape(shape), None if nodes is None else nodes.view(np.bool_).reshape(shape), done,
                     {step: array.reshape(shape) for step, array in kept})

@@ -1,6 +1,7 @@
 """Input volumes: files, NumPy arrays, and objects that return NumPy arrays when sliced."""
 from __future__ import annotations
 
+import inspect
 import operator
 import os
 import re
@@ -9,8 +10,9 @@ from typing import Any, List, Literal, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from . import _core
-from ._arguments import Headers, per_axis, to_cache, to_header_lines
+from . import _core, _images
+from ._arguments import Headers, per_axis, refuse_unknown, to_cache, to_header_lines
+from ._frame import ALONG_WORLD
 
 PatientFrame = Literal["ras", "lps"]
 """The patient axes of the world; upper case is accepted too."""
@@ -44,7 +46,7 @@ class _Reader:
         self.volume = volume
         self.name = name
         self.source_type = np.dtype(volume.dtype)
-        self.dtype = _type_in_store(self.source_type.newbyteorder("="), isinstance(volume, np.ma.MaskedArray))
+        self.dtype = _type_in_store(self.source_type.newbyteorder("="), _images.is_masked(volume))
 
     def read(self, z0: int, z1: int, y0: int, y1: int) -> np.ndarray:
         """Rows [y0, y1) of planes [z0, z1)."""
@@ -102,13 +104,9 @@ def _chunks_of(volume: Any) -> tuple[int, ...]:
 
 def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
              unit: Optional[str], frame: Optional[PatientFrame], missing: Optional[float], identified: bool) -> Any:
-    """A source for an object with a shape, a dtype and slices. Raises ValueError, TypeError."""
-    if not (hasattr(volume, "shape") and hasattr(volume, "__getitem__") and hasattr(volume, "dtype")):
-        volume = np.asarray(volume)
-    try:
-        np.dtype(volume.dtype)
-    except TypeError:  # dtype of another library, such as a tensor's
-        volume = np.asarray(volume)
+    """A source for an array or an object of another library. Raises ValueError, TypeError."""
+    image = _images.image_of(volume)
+    volume = image.values
     ndim = len(volume.shape)
     if ndim not in (2, 3):
         raise ValueError(f"an array of shape {tuple(volume.shape)}: give an array with three axes, or with two for data in a plane")
@@ -116,10 +114,15 @@ def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[S
         raise ValueError(f"an array of shape {tuple(volume.shape)} has no values")
     files = _files_of(volume)
     name = _name_of(volume, files)
+    lengths = image.spacing if spacing is None else spacing
+    first = image.origin if origin is None else origin
     place: dict[str, Any] = {
-        "spacing": per_axis("spacing", spacing if spacing is not None else (1.0,) * ndim, ndim, 1.0),
-        "origin": per_axis("origin", origin if origin is not None else (0.0,) * ndim, ndim, 0.0),
-        "unit": unit, "frame": frame, "name": name, "files": files, "missing": missing}
+        "spacing": per_axis("spacing", lengths if lengths is not None else (1.0,) * ndim, ndim, 1.0),
+        "origin": per_axis("origin", first if first is not None else (0.0,) * ndim, ndim, 0.0),
+        # As for files, a spacing replaces the directions.
+        "direction": image.direction if spacing is None else ALONG_WORLD,
+        "unit": unit if unit is not None else image.unit, "name": name, "files": files, "missing": missing,
+        "frame": frame if frame is not None else image.frame if spacing is None else None}
     reader = _Reader(volume, name)
     if isinstance(volume, np.ndarray) and not isinstance(volume, np.ma.MaskedArray):
         plain = volume.view(np.uint8) if volume.dtype == np.bool_ else volume
@@ -158,6 +161,12 @@ def of_volume(volume: Any, *, identified: bool, memory: int, spacing: Optional[S
     if given:
         raise ValueError(f"{given[0]}= is for files; this volume is an array, which can be sliced")
     return of_array(volume, spacing, origin, unit, frame, missing, identified)
+
+
+def refuse_unknown_reading(function: str, reading: "dict[str, Any]") -> None:
+    """Raises TypeError for a keyword that is none of the arguments of preprocess that say how to read a volume."""
+    known = inspect.signature(of_volume).parameters.keys() - {"volume", "identified", "memory"}
+    refuse_unknown(function, reading, known, {})
 
 
 def index_entries(index: Any) -> List[Tuple[str, Optional[int]]]:

@@ -1,6 +1,8 @@
 """Stores: their metadata, values and histograms, and checks."""
 from __future__ import annotations
 
+import inspect
+import math
 import os
 import pathlib
 import warnings
@@ -8,7 +10,7 @@ from typing import Any, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
-from . import _core, _sources, _view
+from . import _core, _errors, _sources, _view
 from ._arguments import Bytes, Headers, Point, Progress, backwards, reporting, to_bytes, to_cache, to_header_lines
 from ._core import Analysis, CheckReport, StoredArray, StudyRow
 from ._extracting import Extracting
@@ -64,13 +66,29 @@ def _open_again(location: str, access: "dict[str, Any]") -> "Store":
     return Store(location, **access)
 
 
+def _saying_its_format(error: _errors.Error, location: str) -> _errors.Error:
+    """The error, which for a file that is a volume says so. An HDF5 file may also be a damaged store."""
+    if not any("isonest.preprocess" in remedy for remedy in error.remedies) or _sources.is_elsewhere(location):
+        return error
+    name = _core.input_format_of(location)
+    if not name or name == "HDF5":
+        return error
+    return _errors.made(_errors.InvalidArgumentError, location, f"a volume ({name}), not a store",
+                        ["make a store of it with isonest.preprocess(volume, store)",
+                         "extract its surface with isonest.isosurface(volume, iso)"])
+
+
 class Store(Extracting):
     """A store, open for reading; see :func:`isonest.open`. Thread-safe."""
 
     def __init__(self, path: "os.PathLike[str] | str", *, headers: Headers = None,
                  cache: "os.PathLike[str] | str | None" = None, memory: Bytes = "64M") -> None:
         lines = to_header_lines(headers)
-        self._core = _core.Store(os.fspath(path), lines, *to_cache(cache), to_bytes(memory))
+        location = os.fspath(path)
+        try:
+            self._core = _core.Store(location, lines, *to_cache(cache), to_bytes(memory))
+        except (_errors.InvalidArgumentError, _errors.CorruptError) as error:
+            raise _saying_its_format(error, location) from None
         if self._core.cache_warning:
             warnings.warn(self._core.cache_warning, RuntimeWarning, stacklevel=3)
         self._location = os.fspath(path)
@@ -111,6 +129,33 @@ class Store(Extracting):
     def shape(self) -> tuple[int, int, int]:
         """Nodes per axis, (z, y, x). Data in a plane have one node along z."""
         return self._core.shape
+
+    @property
+    def ndim(self) -> int:
+        """3: all stores have three axes."""
+        return 3
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return math.prod(self.shape)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, box: Any) -> np.ndarray:
+        """The values at full resolution, as from an array: ``store[10:20, :, 40]`` is ``store.values(0, np.s_[10:20, :, 40])``."""
+        if isinstance(box, tuple) and any(place is Ellipsis for place in box):
+            at = next(i for i, place in enumerate(box) if place is Ellipsis)
+            box = box[:at] + (slice(None),) * (4 - len(box)) + box[at + 1:]
+        return self.values(0, None if box is Ellipsis else box)
+
+    def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> np.ndarray:
+        """All values at full resolution, for ``np.asarray(store)``; read them in parts with ``store[...]``."""
+        if copy is False:
+            raise ValueError("the values of a store are always copied: np.asarray(store)")
+        values = self.values()
+        return values if dtype is None else values.astype(dtype, copy=False)
 
     @property
     def dtype(self) -> np.dtype:
@@ -327,6 +372,7 @@ class Store(Extracting):
             raise ValueError("give one of quick= and deep=, not both")
         if source is None and reading:
             raise ValueError(f"{next(iter(reading))}= needs source=")
+        _sources.refuse_unknown_reading("check", reading)
         budget = to_bytes(memory)
         volume = None if source is None else _sources.of_volume(source, identified=False, memory=budget, **reading)
         budget -= 0 if source is None else _sources.for_fetching(source, budget)
@@ -398,3 +444,9 @@ class Store(Extracting):
                            memory=memory, threads=threads, open=open, height=height, program=program,
                            **({"headers": self._access["headers"], "cache": self._access["cache"]}
                               if self._core.is_remote else {}))
+
+
+for _function in vars(Extracting).values():
+    if inspect.isfunction(_function):
+        # The name in messages, of a class that its users know.
+        _function.__qualname__ = f"Store.{_function.__name__}"

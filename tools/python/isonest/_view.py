@@ -170,8 +170,8 @@ def _find_program(program: "os.PathLike[str] | str | None") -> str:
     if found:
         return found
     if named is not None:
-        raise _error(_errors.NotFoundError, named, f"there is no such program; {by} names it")
-    raise _error(_errors.NotFoundError, "isonest", "the program isonest is neither in this package nor on the PATH", ["install it (Debian: the package isonest, which a build of the project makes)",
+        raise _errors.made(_errors.NotFoundError, named, f"there is no such program; {by} names it")
+    raise _errors.made(_errors.NotFoundError, "isonest", "the program isonest is neither in this package nor on the PATH", ["install it (Debian: the package isonest, which a build of the project makes)",
                                  "name it with program= or the environment variable ISONEST"])
 
 
@@ -208,7 +208,7 @@ def _failure(program: str, code: int, out: bytes, errors: "IO[bytes]") -> _error
         errors.seek(0)
         text = errors.read().decode(errors="replace").strip()
         how = f"ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
-        return _error(_errors.InputOutputError, program, how + (f": {text}" if text else ""))
+        return _errors.made(_errors.InputOutputError, program, how + (f": {text}" if text else ""))
 
 
 def _told(error: "dict[str, Any]") -> _errors.Error:
@@ -217,20 +217,12 @@ def _told(error: "dict[str, Any]") -> _errors.Error:
     for remedy in error["remedies"][:1]:
         message = re.split("(?:; |\n)" + re.escape(remedy["text"]), message)[0]
     if kind == "invalid_argument" and message.startswith("there is no command 'view'"):
-        return _error(_errors.UnsupportedError, "isonest", "this build of the program cannot show a store",
+        return _errors.made(_errors.UnsupportedError, "isonest", "this build of the program cannot show a store",
                       ["run tools/install-deps and build it again"])
     remedies = [f"give memory={remedy['value']} or more" if remedy["kind"] == "more_memory" and remedy["value"]
                 else _OPTION.sub(r"\1=", remedy["text"]) for remedy in error["remedies"]]
     about_memory = any(remedy["kind"] in ("more_memory", "less_memory") for remedy in error["remedies"])
     chosen = _errors.MemoryLimitError if kind == "limit" and about_memory else _ERRORS.get(kind, _errors.Error)
     place = f"{file}: " if file else ""
-    return _error(chosen, file, _OPTION.sub(r"\1=", message[len(place):] if message.startswith(place) else message),
+    return _errors.made(chosen, file, _OPTION.sub(r"\1=", message[len(place):] if message.startswith(place) else message),
                   remedies, error["inside"])
-
-
-def _error(kind: "type[_errors.Error]", file: str, problem: str, remedies: "Optional[list[str]]" = None,
-           inside: str = "") -> _errors.Error:
-    advice = "; " + ", or ".join(remedies) if remedies else ""
-    error = kind(f"{file}: {problem}{advice}" if file else problem + advice)
-    error.file, error.inside, error.problem, error.remedies = file, inside, problem, tuple(remedies or ())
-    return error

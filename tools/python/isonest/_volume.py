@@ -1,13 +1,17 @@
 """Functions for volumes: preprocess them to a store, or extract a surface in one call."""
 from __future__ import annotations
 
+import inspect
+import operator
 import os
 import pathlib
 import tempfile
 from typing import Any, Mapping, Optional, Sequence, Union
 
-from . import _core, _marching, _sources
-from ._arguments import Bytes, Headers, Progress, reporting, to_bytes
+import numpy as np
+
+from . import _core, _images, _marching, _queries, _sources
+from ._arguments import Bytes, Headers, Progress, per_axis, refuse_unknown, reporting, to_bytes
 from ._core import PreprocessReport
 from ._mesh import Mesh
 from ._own import calling
@@ -45,13 +49,14 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     """Converts a volume to the file ``store``, which appears only when it is complete.
 
     volume: an array [z, y, x], or [y, x] for data in a plane, of integers, bool, float16, float32 or float64; an object
-        with shape, dtype and slices (such as a dataset of h5py or zarr); the name of a file or folder, or of several
+        with shape, dtype and slices (such as a dataset of h5py, zarr or dask); an image of xarray, nibabel, SimpleITK, VTK
+        or PyVista, which has its own place in the world; the name of a file or folder, or of several
         files that are slices of one volume; or a URL (https://, http://, s3://bucket/key), for some formats.
         A NumPy array with any strides, including a memory-mapped one, is read in place; of other objects, one slab is
         in memory at a time. 64-bit integers become float64 and must be within 2**53; float16 becomes float32. NaN and
         masked values are missing. The volume must not change during the call.
     spacing: distance between neighbouring nodes; origin: world position of the first node. Both in the order of the
-        array's axes. None: as in the file, otherwise 1 and 0.
+        array's axes. None: as in the file or image, otherwise 1 and 0.
     unit: world unit of spacing and origin: "mm", "um", "nm", ...; None: as in the file, otherwise unknown.
     frame: the patient axes of the world, "RAS" (NIfTI, FreeSurfer) or "LPS" (DICOM, ITK); None: as in the file,
         otherwise unknown. Changes no coordinates.
@@ -119,15 +124,30 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
         return _core.preprocess(source, os.fspath(store), options, report)
 
 
-def isosurface(volume: Any, iso: "Union[None, float, Sequence[float]]" = None, *,
-               spacing: Optional[Sequence[float]] = None, unit: Optional[str] = None,
-               frame: Optional[_sources.PatientFrame] = None, missing: Optional[float] = None, cells: Optional[Cells] = None, memory: Bytes = "1G",
+_WAYS = {"method": _queries.OF_MARCHING_CUBES["method"],
+         **dict.fromkeys(("indicators", "own", "exact", "chunk", "compression"),
+                         "it is for isonest.preprocess(), which makes a store"),
+         **dict.fromkeys(("dataset", "series", "labels", "index", "crop", "shape", "dtype", "offset", "headers", "cache"),
+                         "it is for isonest.preprocess(), which makes a store: isonest.open(path).isosurface(iso)")}
+
+
+def isosurface(volume: Any, iso: "float | Sequence[float] | None" = None, *,
+               level: "float | Sequence[float] | None" = None,
+               spacing: Optional[Sequence[float]] = None, origin: Optional[Sequence[float]] = None,
+               unit: Optional[str] = None, frame: Optional[_sources.PatientFrame] = None,
+               missing: Optional[float] = None, mask: Any = None, step_size: int = 1, allow_degenerate: bool = True,
+               cells: Optional[Cells] = None, memory: Bytes = "1G",
                threads: int = 0, scratch: "os.PathLike[str] | str | None" = None, progress: Progress = None,
                **query: Any) -> "Union[Mesh, list[Mesh]]":
     """Extracts the surface of a volume in one call, for volumes that are used only once.
 
-    ``volume``, ``spacing``, ``unit``, ``frame`` and ``missing`` are as for :func:`preprocess`, the other arguments as
-    for :meth:`Store.isosurface`. Without ``iso``, the isovalue is the mean of the smallest and the largest value.
+    ``volume``, ``spacing``, ``origin``, ``unit``, ``frame`` and ``missing`` are as for :func:`preprocess`, the other
+    arguments as for :meth:`Store.isosurface`. Without ``iso``, or ``level``, its other name, the isovalue is the mean of
+    the smallest and the largest value.
+
+    mask: an array of the volume's shape; where it is False, values are missing. step_size: use every n-th node along
+        each axis; the mesh stays at its place. Unlike ``error`` and ``distance``, it gives no bound. allow_degenerate:
+        either value gives a mesh without triangles of area 0, except for ``report.zero_area_triangles``.
 
     The surface at full resolution, optionally with ``box``, ``close``, ``distance``, ``triangles``, ``components``,
     ``min_component`` and ``min_volume``, is extracted directly from the volume, which is read once per isovalue. A
@@ -138,19 +158,48 @@ def isosurface(volume: Any, iso: "Union[None, float, Sequence[float]]" = None, *
     memory: bytes, in addition to the volume and the mesh (at full resolution, twice the mesh). scratch: the folder for
         the store and temporary files; None: the system's.
     """
+    own = inspect.signature(isosurface).parameters.keys() - {"query"}
+    refuse_unknown("isosurface", query, own | inspect.signature(Store.isosurface).parameters.keys() - {"self"}, _WAYS)
+    iso = _queries.isovalue(iso, level)
+    if not isinstance(allow_degenerate, (bool, np.bool_)):
+        raise TypeError(f"allow_degenerate={allow_degenerate!r}: give True or False")
+    volume, spacing, every = _thinned(volume, spacing, mask, step_size)
+    place: "dict[str, Any]" = {"spacing": spacing, "origin": origin, "every": every, "unit": unit, "frame": frame,
+                               "missing": missing}
     try:
-        return _marching.march(volume, iso, spacing=spacing, unit=unit, frame=frame, missing=missing, cells=cells,
-                               memory=memory, threads=threads, scratch=scratch or "", progress=progress, **query)
+        return _marching.march(volume, iso, cells=cells, memory=memory, threads=threads, scratch=scratch or "",
+                               progress=progress, **place, **query)
     except _marching.NeedsStore as needed:
         indicators = needed.indicators
     with tempfile.TemporaryDirectory(prefix="isonest-", dir=scratch) as folder:
         path = pathlib.Path(folder) / "volume.isonest"
-        preprocess(volume, path, spacing=spacing, unit=unit, frame=frame, missing=missing, indicators=indicators, memory=memory,
-                   threads=threads, progress=progress)
+        preprocess(volume, path, indicators=indicators, memory=memory, threads=threads, progress=progress, **place)
         with Store(path) as store:
-            level: Any = iso
-            if level is None:
+            found: Any = iso
+            if found is None:
                 low, high = store.range or (0.0, 0.0)
-                level = low + (high - low) / 2
-            return store.isosurface(level, cells=cells, memory=memory, threads=threads, scratch=folder,
+                found = low + (high - low) / 2
+            return store.isosurface(found, cells=cells, memory=memory, threads=threads, scratch=folder,
                                     progress=progress, **query)
+
+
+def _thinned(volume: Any, spacing: Optional[Sequence[float]], mask: Any, step_size: int
+             ) -> "tuple[Any, Optional[Sequence[float]], int]":
+    """The volume with missing values where the mask is False, of every ``step_size``-th node; its spacing; and ``every``
+    for the volumes that have to be read with it."""
+    step = operator.index(step_size)
+    if step < 1:
+        raise ValueError(f"step_size={step_size!r}: give 1 or more")
+    if mask is not None:
+        if _sources.is_files(volume) or _images.is_image(volume):
+            raise TypeError(f"mask= is for arrays, and this is {'a file' if _sources.is_files(volume) else 'an image'}: "
+                            "give its array, or NaN where values are missing")
+        image = _images.image_of(volume)
+        volume = image._replace(values=_images.Masked(image.values, mask))
+    if step == 1 or _sources.is_files(volume):
+        return volume, spacing, step
+    ndim = len(_images.image_of(volume).values.shape)
+    if spacing is not None:
+        per_axis("spacing", spacing, ndim, 1.0)
+        spacing = [step * float(length) for length in spacing]
+    return _images.image_of(volume).every(step), spacing, 1

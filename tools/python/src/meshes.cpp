@@ -18,6 +18,8 @@
 #include <set>
 #include <span>
 #include <string>
+#include <tuple>
+#include <type_traits>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -491,12 +493,59 @@ void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, cons
     });
 }
 
+/// What a pickled mesh keeps of its origin.
+py::tuple state_of(const MeshOrigin& origin) {
+    const MeshLayout& l = origin.layout;
+    py::list attributes;
+    for (const VertexAttribute& a : l.attributes) {
+        attributes.append(
+            py::make_tuple(a.name, a.components, a.is_double, a.offset, a.same_in_element));
+    }
+    return py::make_tuple(l.vertices, l.elements, l.corners, std::move(attributes), l.row_bytes,
+                          l.lo, l.hi, l.unit ? std::string(symbol_of(*l.unit)) : std::string(),
+                          std::string(name_of(l.frame)), l.has_sides, l.sides_range, origin.inputs,
+                          origin.label.id, origin.label.name, origin.label.color);
+}
+
+MeshOrigin origin_of(const py::tuple& state) {
+    MeshOrigin origin;
+    MeshLayout& l = origin.layout;
+    std::size_t at = 0;
+    const auto take = [&](auto& to) {
+        to = state[at++].cast<std::remove_reference_t<decltype(to)>>();
+    };
+    using Attribute = std::tuple<std::string, int, bool, std::size_t, bool>;
+    std::vector<Attribute> attributes;
+    std::string unit;
+    std::string frame;
+    take(l.vertices);
+    take(l.elements);
+    take(l.corners);
+    take(attributes);
+    take(l.row_bytes);
+    take(l.lo);
+    take(l.hi);
+    take(unit);
+    take(frame);
+    take(l.has_sides);
+    take(l.sides_range);
+    take(origin.inputs);
+    take(origin.label.id);
+    take(origin.label.name);
+    take(origin.label.color);
+    for (const auto& [name, components, is_double, offset, same] : attributes) {
+        l.attributes.push_back({name, components, is_double, offset, same});
+    }
+    l.unit = length_unit_from(unit);
+    l.frame = frame_from(frame).value_or(AnatomicalFrame::unknown);
+    return origin;
+}
+
 }  // namespace
 
 void add_meshes(py::module_& module) {
     using namespace py::literals;
-    // NOLINTNEXTLINE(bugprone-unused-raii): the module keeps it
-    py::class_<MeshOrigin>(module, "MeshLayout");
+    py::class_<MeshOrigin>(module, "MeshLayout").def(py::pickle(&state_of, &origin_of));
     const auto add = [&](auto function) {
         module.def("extract", function, "store"_a, "query"_a, "options"_a, "progress"_a);
     };

@@ -284,6 +284,7 @@ void add_extract_report(py::module_& module) {
     using Q = TriangleQuality;
     py::class_<Q>(module, "TriangleQuality",
                   "Distribution of the smallest angles of the triangles, in degrees.")
+        .def(py::init<>())
         .def_readonly("least", &Q::least)
         .def_readonly("per_mille", &Q::per_mille)
         .def_readonly("percent", &Q::percent)
@@ -293,6 +294,7 @@ void add_extract_report(py::module_& module) {
                       "share of triangles with an angle below 5 degrees");
     py::class_<R>(module, "Report",
                   "The report of an extraction: how the mesh was made, and its properties.")
+        .def(py::init<>())
         .def_readonly("vertices", &R::vertices)
         .def_readonly("triangles", &R::triangles,
                       "number of triangles; for isolines and contours, of lines")

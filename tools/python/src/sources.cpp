@@ -10,6 +10,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -20,6 +21,7 @@
 #include <isonest/preprocess.h>
 #include <isonest/tolerance.h>
 
+#include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/wrapping/scaled_source.h"
 #include "store/base/length_unit.h"
 #include "tools/python/src/own_indicators.h"
@@ -228,7 +230,7 @@ Source source_of_files(const std::vector<Path>& paths, const SourceOptions& opti
 }
 
 Source source_of_array(py::array array, const Double3& spacing, const Double3& origin,
-                       const std::optional<std::string>& unit,
+                       const Directions& direction, const std::optional<std::string>& unit,
                        const std::optional<std::string>& frame, std::string name, bool identified,
                        std::vector<Path> files, std::optional<double> missing) {
     if (array.ndim() != 3) {
@@ -240,6 +242,7 @@ Source source_of_array(py::array array, const Double3& spacing, const Double3& o
     layout.origin = origin;
     layout.unit = unit_of(unit);
     layout.frame = frame_of(frame);
+    layout.direction = direction;
     layout.name = std::move(name);
     auto volume = std::make_unique<ArrayVolume>(std::move(array), std::move(layout), identified,
                                                 std::move(files));
@@ -247,14 +250,14 @@ Source source_of_array(py::array array, const Double3& spacing, const Double3& o
 }
 
 Source source_of_reader(py::object reader, const Numbers& nodes, const py::dtype& dtype,
-                        const Double3& spacing, const Double3& origin,
+                        const Double3& spacing, const Double3& origin, const Directions& direction,
                         const std::optional<std::string>& unit,
                         const std::optional<std::string>& frame, std::string name,
                         std::int64_t planes, std::int64_t rows, std::uint64_t heap,
                         std::string identity, std::vector<Path> files,
                         std::optional<double> missing) {
     VolumeDescription description{int3_of(nodes), value_type_of(dtype), spacing,
-                                  origin,         std::move(name),      kAlongWorld,
+                                  origin,         std::move(name),      direction,
                                   false,          unit_of(unit),        frame_of(frame)};
     const VolumeSource::Granularity granularity{std::max<std::int64_t>(planes, 1),
                                                 std::max<std::int64_t>(rows, 1)};
@@ -286,6 +289,35 @@ DataRounding rounding_of_source(Source& source, const std::string& kind, double 
                     [&](Progress& p) { survey = survey_values(*volume, tolerance, memory, p); });
     }
     return rounding_of(tolerance, volume->describe().type, survey);
+}
+
+/// (spacing, origin, direction, axes to reverse) of a volume with these steps between its nodes.
+py::tuple place_of_steps(const Numbers& nodes, const std::array<Double3, 3>& steps,
+                         const Double3& first, const std::string& name) {
+    const detail::Placement place = detail::place_in_world(int3_of(nodes), steps, first, name);
+    return py::make_tuple(place.spacing, place.origin, place.direction, place.backward);
+}
+
+/// Name, coordinates and unit of an axis.
+using CoordinatesOfAxis = std::tuple<std::string, std::vector<double>, std::string>;
+
+/// (step, position of the first node, symbol of the unit or None) of a volume whose axes have
+/// coordinates.
+py::tuple place_of_coordinates(const Numbers& nodes,
+                               const std::array<std::optional<CoordinatesOfAxis>, 3>& axes,
+                               const std::string& name) {
+    std::array<std::optional<detail::AxisCoordinates>, 3> given;
+    for (std::size_t axis = 0; axis < given.size(); ++axis) {
+        if (axes.at(axis)) {
+            const auto& [of_axis, numbers, unit] = *axes.at(axis);
+            given.at(axis) = detail::AxisCoordinates{of_axis, numbers, unit};
+        }
+    }
+    const detail::CoordinatePlace place =
+        detail::place_by_coordinates(given, int3_of(nodes), {}, name);
+    return py::make_tuple(
+        place.step, place.first,
+        place.unit ? std::optional(std::string(symbol_of(*place.unit))) : std::nullopt);
 }
 
 PreprocessReport preprocess_source(Source& source, const Path& store,
@@ -331,10 +363,15 @@ void add_sources(py::module_& module) {
     add_source_options(module);
     module.def("source_of_files", &source_of_files, "paths"_a, "options"_a);
     module.def("source_of_array", &source_of_array, "array"_a, py::kw_only(), "spacing"_a,
-               "origin"_a, "unit"_a, "frame"_a, "name"_a, "identified"_a, "files"_a, "missing"_a);
+               "origin"_a, "direction"_a, "unit"_a, "frame"_a, "name"_a, "identified"_a, "files"_a,
+               "missing"_a);
     module.def("source_of_reader", &source_of_reader, "reader"_a, py::kw_only(), "nodes"_a,
-               "dtype"_a, "spacing"_a, "origin"_a, "unit"_a, "frame"_a, "name"_a, "planes"_a,
-               "rows"_a, "heap"_a, "identity"_a, "files"_a, "missing"_a);
+               "dtype"_a, "spacing"_a, "origin"_a, "direction"_a, "unit"_a, "frame"_a, "name"_a,
+               "planes"_a, "rows"_a, "heap"_a, "identity"_a, "files"_a, "missing"_a);
+
+    module.def("place_of_steps", &place_of_steps, "nodes"_a, "steps"_a, "first"_a, "name"_a);
+    module.def("place_of_coordinates", &place_of_coordinates, "nodes"_a, "axes"_a, "name"_a);
+    module.def("input_format_of", &input_format_of, "path"_a);
 
     py::class_<DataRounding>(module, "DataRounding")
         .def_readonly("tolerance", &DataRounding::tolerance)
