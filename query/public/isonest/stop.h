@@ -13,8 +13,8 @@ namespace isonest {
 enum class ErrorIndicator : std::uint8_t {
     deviation,  ///< |U - U^l| <= value, by the deviation indicator: tight
     plus,       ///< the same guarantee, by eta+ of the offset indicator: looser, more triangles
-    estimate    ///< eta bar of the offset indicator: usually close, no guarantee; in a store without
-                ///< linf_bar the same as deviation
+    estimate  ///< eta bar of the offset indicator: usually close, no guarantee; in a store without
+              ///< linf_bar the same as deviation
 };
 
 /// Maximum difference between the displayed function and the finest one, anywhere.

@@ -18,10 +18,11 @@ import sys
 import tempfile
 import time
 
-import needs
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
+import needs  # noqa: E402
 
 needs.require(needs.module("numpy"), needs.module("h5py"), needs.tool("zfp"), needs.tool("zstd"))
-import numpy as np
+import numpy as np  # noqa: E402
 
 PARTS = (0.005, 0.01)
 
