@@ -134,7 +134,8 @@ def record():
             code, info = run("info", HERE / name)
             if code != 0 or {"error", "default_meshes"} & set(EXPECTED.get(name, {})):
                 continue
-            volume = {(9, 8, 7): "volume.raw", (9, 8, 1): "flat.raw", (3, 3, 3): "tiny.raw"}[tuple(info["nodes"])]
+            volume = {((9, 8, 7), "int16"): "volume.raw", ((9, 8, 7), "float32"): "eight.raw", ((9, 8, 1), "float32"): "flat.raw",
+                      ((3, 3, 3), "uint8"): "tiny.raw"}[tuple(info["nodes"]), info["type"]]
             EXPECTED[name] = {"format": info["format"], "volume": volume,
                               "meshes": meshes(name, volume, folder, *PAPER),
                               "default_meshes": meshes(name, volume, folder), **EXPECTED.get(name, {})}
