@@ -46,7 +46,7 @@ class Renamed(CliCase):
 
     def test_a_name_with_another_meaning_is_noted_in_every_option(self):
         self.assertEqual(self.said, PAPER)
-        mesh = ["extract", self.store, "--iso", "0.5", "-o", self.here / "m.ply", "--force"]
+        mesh = ["extract", self.store, "--iso", "0.5", "-o", self.here / "m.ply"]
         for options, code in ((["export", self.store, "--field", "{}", "-o", self.here / "f.npy", "--force"], 0),
                               (["study", self.store, "--fields", "deviation_bar,{}", "--steps", "2", "-o", self.here / "study"], 0),
                               ([*mesh, "--stop", "{}", "--threshold", "0.5"], 0),
@@ -82,8 +82,8 @@ class Renamed(CliCase):
 
     def test_a_store_without_the_field_is_refused_with_the_note(self):
         self.ok("preprocess", self.here / "v.npy", "--indicators", "linf_bar,normal_jump_bar", "-o", self.here / "n.isonest")
-        done = run("export", self.here / "n.isonest", "--field", "normal_bar", "-o", self.here / "f.npy", cwd=self.here)
-        self.assertEqual(done.returncode, 3)
+        done = run("export", self.here / "n.isonest", "--field", "normal_bar", "-o", self.here / "none.npy", cwd=self.here)
+        self.assertEqual(done.returncode, 3, done.stderr)
         said = done.stderr.decode()
         self.assertTrue(said.startswith(PAPER), said)
         self.assertIn("it has linf_bar, normal_jump_bar", said)

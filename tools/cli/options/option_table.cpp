@@ -136,7 +136,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--snapshots", kWritten, "N,N,...", "write these steps too, as OUT-N", "snapshots: Sequence[int]"},
     {"", "--chunk", kWritten, "N", "nodes per axis of a chunk, a power of two [{}]", "chunk: int"},
     {"", "--compression", kWritten, "LEVEL", "zstd level, 1 to 19 [{}]", "compression: int"},
-    {"", "--tolerance", kWritten, "T|P%|bits:N|auto", "round values within this [0 = do not]", "tolerance: float | str"},
+    {"", "--tolerance", kWritten, "T", "round values, by at most 2, 0.5%, bits:4 or auto", "tolerance: float | str"},
     {"", "--exact", kWritten, "", "indicators in full precision, not in 16 bits", "exact: bool"},
     {"", "--link", kWritten, "URL", "where a store is, in place of a copy in the folder", kSitesByProgram},
     {"", "--hard-link", kWritten, "", "link the stores, in place of copies", kSitesByProgram},
