@@ -69,6 +69,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-sizes-") as name:
             sizes.append(store.stat().st_size)
             if fields == FIELDS[1]:
                 parts, unshuffled = bytes_of_chunks(store)
+        run("preprocess", *source, "-o", store, "--force", "--indicators", FIELDS[-1])  # the values that were given
         run("export", store, "-o", raw, "--force")
         packed = subprocess.Popen(["zstd", "-3", "-c", "-q", raw], stdout=subprocess.PIPE)
         reference = sum(len(block) for block in iter(lambda: packed.stdout.read(1 << 20), b""))
