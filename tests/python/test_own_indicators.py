@@ -12,7 +12,8 @@ def bytes_of(path):
 
 
 def test_a_function_with_the_formula_of_linf_gives_its_numbers(noise, tmp_path):
-    isonest.preprocess(noise, tmp_path / "s", own={"offset": lambda nodes: np.abs(nodes.offset)}, exact=True, chunk=8)
+    isonest.preprocess(noise, tmp_path / "s", indicators="linf_bar,linf_plus,deviation_bar",
+                       own={"offset": lambda nodes: np.abs(nodes.offset)}, exact=True, chunk=8)
     store = isonest.open(tmp_path / "s")
     assert store.check().failures == 0
     for saturation in ("bar", "plus"):
