@@ -211,7 +211,9 @@ ValueSurvey survey_values(VolumeSource& source, const ValueTolerance& tolerance,
                           std::uint64_t memory, Progress& progress) {
     const VolumeDescription volume = source.describe();
     const Int3& n = volume.nodes;
-    const auto [planes, rows] = piece_of(source, memory);
+    const std::array<std::int64_t, 2> piece = piece_of(source, memory);
+    const std::int64_t planes = piece[0];
+    const std::int64_t rows = piece[1];
     const bool wants_noise = std::holds_alternative<WithinNoise>(tolerance);
     ValueSurvey survey{std::numeric_limits<double>::infinity(),
                        -std::numeric_limits<double>::infinity()};
