@@ -31,7 +31,8 @@ int main() {
         }
         return most / (1 + std::fabs(x.value));
     };
-    isonest::PreprocessOptions options{.force = true, .fields = {isonest::Field::linf_bar}};
+    isonest::PreprocessOptions options{
+        .force = true, .fields = {isonest::Field::linf_bar, isonest::Field::deviation_bar}};
     // The formula of linf, for comparison.
     options.own = {isonest::own_indicator("spread", spread),
                    isonest::own_indicator("offset", [](const isonest::RefinementNode& x) {
