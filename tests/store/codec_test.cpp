@@ -53,8 +53,9 @@ TEST_CASE("a chunk is stored without the shuffle where that is shorter, and deco
                 CodecSpec other = spec;
                 other.shuffle = plain;
                 encode_chunk(raw, other, again);
-                // The shuffle stays unless leaving it out saves an eighth and 64 bytes.
-                CHECK(stored.size() <= (again.size() + 64) * 8 / 7 + 16);
+                // The shuffle stays unless leaving it out saves an eighth and 64 bytes of the sampled
+                // parts, in which zstd finds fewer repetitions than in the whole chunk.
+                CHECK(stored.size() <= again.size() + again.size() / 4 + 128);
                 if (raw.size() < 1024) {
                     CHECK_FALSE(plain);
                 }
