@@ -15,6 +15,7 @@
 #include "query/study/computed_field.h"
 #include "query/study/study.h"
 #include "store/container/chunk_cache.h"
+#include "tests/support/loaded_lattice.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -25,22 +26,15 @@ namespace {
 
 constexpr Double3 kSpacing{1, 0.5, 2};
 
-struct Loaded {
-    Loaded(const Int3& n, const std::function<double(const Int3&)>& f) : volume(n, f) {
-        volume.spacing_ = kSpacing;
-        PreprocessOptions options = with_chunk(8, true);
-        options.fields = {Field::deviation_bar, Field::hex_linf, Field::hex_deviation};
-        make_store(volume, folder / "s", options);
-        store.emplace(folder / "s");
-        whole.emplace(store->layout());
-        cache.emplace(*store, std::uint64_t{1} << 24U);
-        whole->load_values(*cache);
-    }
-    TemporaryFolder folder;
-    FunctionVolume<double> volume;
-    std::optional<StoreReader> store;
-    std::optional<WholeLattice> whole;
-    std::optional<ChunkCache> cache;
+PreprocessOptions with_cell_fields() {
+    PreprocessOptions options = with_chunk(8, true);
+    options.fields = {Field::deviation_bar, Field::hex_linf, Field::hex_deviation};
+    return options;
+}
+
+struct Loaded : LoadedLattice {
+    Loaded(const Int3& n, const std::function<double(const Int3&)>& f)
+        : LoadedLattice(n, f, kSpacing, with_cell_fields()) {}
 };
 
 ComputedField field_named(const std::string& name) {

@@ -13,6 +13,7 @@
 #include "query/study/study.h"
 #include "store/base/vectors.h"
 #include "store/lattice/simplex.h"
+#include "tests/support/loaded_lattice.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -22,7 +23,6 @@ using namespace isonest::detail::test;
 namespace {
 
 constexpr Double3 kSpacing{1, 0.5, 2};
-constexpr std::uint64_t kCache = std::uint64_t{1} << 24U;
 
 ComputedField field_named(const char* name) {
     const std::optional<ComputedField> field = computed_field_from_name(name);
@@ -46,21 +46,9 @@ void for_refinement_nodes(const Lattice& lattice, const F& f) {
     }
 }
 
-struct Loaded {
+struct Loaded : LoadedLattice {
     Loaded(const Int3& n, const std::function<double(const Int3&)>& f, PreprocessOptions options)
-        : volume(n, f) {
-        volume.spacing_ = kSpacing;
-        make_store(volume, folder / "s", std::move(options));
-        store.emplace(folder / "s");
-        whole.emplace(store->layout());
-        cache.emplace(*store, kCache);
-        whole->load_values(*cache);
-    }
-    TemporaryFolder folder;
-    FunctionVolume<double> volume;
-    std::optional<StoreReader> store;
-    std::optional<WholeLattice> whole;
-    std::optional<ChunkCache> cache;
+        : LoadedLattice(n, f, kSpacing, std::move(options)) {}
 };
 
 PreprocessOptions all_computed_fields() {

@@ -18,6 +18,7 @@
 #include "query/traverse/adapt_traverse.h"
 #include "store/base/vectors.h"
 #include "store/lattice/simplex.h"
+#include "tests/support/loaded_lattice.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -29,24 +30,9 @@ namespace {
 constexpr Double3 kSpacing{1, 0.5, 2};
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// The volume, its lattice in memory, and its values beyond the border.
-struct Loaded {
-    Loaded(const Int3& n, const std::function<double(const Int3&)>& f) : volume(n, f) {
-        volume.spacing_ = kSpacing;
-        make_store(volume, folder / "s", with_chunk(8, true));
-        store.emplace(folder / "s");
-        whole.emplace(store->layout());
-        ChunkCache cache(*store, std::uint64_t{1} << 24U);
-        whole->load_values(cache);
-    }
-    [[nodiscard]] double at(const Int3& p) const {
-        return volume.at(min(p, volume.nodes() - Int3{1, 1, 1}));
-    }
-    [[nodiscard]] double range() const { return store->max_value() - store->min_value(); }
-    TemporaryFolder folder;
-    FunctionVolume<double> volume;
-    std::optional<StoreReader> store;
-    std::optional<WholeLattice> whole;
+struct Loaded : LoadedLattice {
+    Loaded(const Int3& n, const std::function<double(const Int3&)>& f)
+        : LoadedLattice(n, f, kSpacing, with_chunk(8, true)) {}
 };
 
 ComputedField field_named(const std::string& name) {
@@ -142,7 +128,7 @@ struct Bisected {
         p.simplex.flat = l.whole->lattice().flat_axes();
         for (std::size_t i = 0; i < t.v.size(); ++i) {
             p.node[i] = t.v[i];
-            p.value[i] = l.at(t.v[i]);
+            p.value[i] = l.volume.at(t.v[i]);
             for (std::size_t a = 0; a < 3; ++a) {
                 p.simplex.v[i][a] = static_cast<double>(t.v[i][static_cast<int>(a)]) * kSpacing[a];
             }
@@ -311,7 +297,7 @@ TEST_CASE("eta* in L infinity is the stored deviation where that is exact, and n
     const Int3 n{17, 17, 17};
     Loaded l(n, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); });
     WholeLattice stored(l.store->layout());
-    ChunkCache cache(*l.store, std::uint64_t{1} << 24U);
+    ChunkCache& cache = *l.cache;
     stored.load_values(cache);
     stored.load_indicator(cache, Field::deviation_bar, silent_progress());
     compute_indicator(*l.whole, field_named("deviation_lp:inf_bar"), kSpacing, silent_progress());

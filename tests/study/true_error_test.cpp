@@ -15,6 +15,7 @@
 
 #include "query/study/graph_distance.h"
 #include "query/study/study.h"
+#include "tests/support/loaded_lattice.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -86,27 +87,19 @@ void for_points(const Int3& n, int per_cell, const F& f) {
     }
 }
 
-struct Projection {
+struct Projection : LoadedLattice {
     Projection(const Int3& n, bool holes, double threshold)
-        : volume(n, [&](const Int3& p) {
-              const bool hole = holes && p.x == 3 && p.y == 2;
-              return hole ? std::numeric_limits<double>::quiet_NaN() : smooth(p) + 0.2 * noise(p);
-          }) {
-        volume.spacing_ = kSpacing;
-        make_store(volume, folder / "s", with_chunk(8, true));
-        store.emplace(folder / "s");
-        whole.emplace(store->layout());
-        ChunkCache cache(*store, std::uint64_t{1} << 24U);
-        whole->load_values(cache);
-        const double largest = whole->load_indicator(cache, Field::linf_bar, silent_progress());
+        : LoadedLattice(
+              n,
+              [&](const Int3& p) {
+                  const bool hole = holes && p.x == 3 && p.y == 2;
+                  return hole ? std::numeric_limits<double>::quiet_NaN()
+                              : smooth(p) + 0.2 * noise(p);
+              },
+              kSpacing, with_chunk(8, true)) {
+        const double largest = whole->load_indicator(*cache, Field::linf_bar, silent_progress());
         whole->project(threshold * largest);
-        range = store->max_value() - store->min_value();
     }
-    TemporaryFolder folder;
-    FunctionVolume<double> volume;
-    std::optional<StoreReader> store;
-    std::optional<WholeLattice> whole;
-    double range = 1;
 };
 
 double norm(const Double3& v) {
@@ -139,13 +132,13 @@ TEST_CASE("the errors of value and gradient agree with sums over many points") {
                         d[a] = s.slope[1][a] - s.slope[0][a];
                     }
                     count += 1;
-                    value += std::pow(std::fabs(s.value[1] - s.value[0]) / p.range, power);
+                    value += std::pow(std::fabs(s.value[1] - s.value[0]) / p.range(), power);
                     gradient += std::pow(norm(d), power);
                     of_data += std::pow(norm(s.slope[0]), power);
                     largest = std::max(largest, norm(d));
                     largest_of_data = std::max(largest_of_data, norm(s.slope[0]));
                 });
-                const TrueNorms found = TrueError(*p.whole, kSpacing, p.range, power).measure();
+                const TrueNorms found = TrueError(*p.whole, kSpacing, p.range(), power).measure();
                 CHECK(found.value > 0);
                 CHECK(found.value == Approx(std::pow(value / count, 1 / power)).epsilon(0.02));
                 CHECK(found.gradient ==
@@ -217,9 +210,9 @@ TEST_CASE(
                 const auto add = [&](const Double3& at) {
                     const Sample s = sample_at(*p.whole, at);
                     for (std::size_t g = 0; g < 2 && s.complete; ++g) {
-                        graphs[g].push_back({at[0] * kSpacing[0] / longest,
-                                             at[1] * kSpacing[1] / longest,
-                                             at[2] * kSpacing[2] / longest, s.value[g] / p.range});
+                        graphs[g].push_back(
+                            {at[0] * kSpacing[0] / longest, at[1] * kSpacing[1] / longest,
+                             at[2] * kSpacing[2] / longest, s.value[g] / p.range()});
                     }
                 };
                 for_points(n, per_cell, add);
@@ -233,7 +226,7 @@ TEST_CASE(
                         if (!std::isfinite(error)) {
                             continue;
                         }
-                        double nearest = std::fabs(error) / p.range;
+                        double nearest = std::fabs(error) / p.range();
                         for (const GraphPoint& q : graphs[1 - g]) {
                             double square = 0;
                             for (std::size_t a = 0; a < 3; ++a) {
@@ -242,14 +235,15 @@ TEST_CASE(
                                                  q[a];
                                 square += d * d;
                             }
-                            square += (value / p.range - q[3]) * (value / p.range - q[3]);
+                            square += (value / p.range() - q[3]) * (value / p.range() - q[3]);
                             nearest = std::min(nearest, std::sqrt(square));
                         }
                         furthest = std::max(furthest, nearest);
                     }
                 }
                 CAPTURE(n.x, n.y, n.z, threshold, holes);
-                const double found = graph_distance(*p.whole, kSpacing, p.range, silent_progress());
+                const double found =
+                    graph_distance(*p.whole, kSpacing, p.range(), silent_progress());
                 CHECK(furthest > 0);
                 CHECK(found <= furthest * (1 + 1e-9));
                 CHECK(found == Approx(furthest).epsilon(0.08));
