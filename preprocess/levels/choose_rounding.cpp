@@ -13,6 +13,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <span>
 #include <type_traits>
 #include <vector>
 
@@ -70,7 +71,7 @@ class Differences {
     /// At every second value. Where all values are equal there was no measurement (the background
     /// of a masked volume), so these say nothing about the noise.
     template <class T>
-    void add(const std::vector<T>& row) {
+    void add(std::span<const T> row) {
         for (std::size_t i = 0; i + kCount <= row.size(); i += 2) {
             double sum = 0;
             bool constant = true;
@@ -103,7 +104,7 @@ class Differences {
 class Noise {
   public:
     template <class T>
-    void add(const std::vector<T>& row) {
+    void add(std::span<const T> row) {
         second_.add(row);
         fourth_.add(row);
         sixth_.add(row);
@@ -223,7 +224,6 @@ ValueSurvey survey_values(VolumeSource& source, const ValueTolerance& tolerance,
     dispatch(volume.type, [&](auto tag) {
         using T = typename decltype(tag)::type;
         std::vector<T> values;
-        std::vector<T> row(static_cast<std::size_t>(n.x));
         for (std::int64_t z = 0; z < n.z; z += planes) {
             for (std::int64_t y = 0; y < n.y; y += rows) {
                 progress.check();
@@ -239,8 +239,8 @@ ValueSurvey survey_values(VolumeSource& source, const ValueTolerance& tolerance,
                     }
                 }
                 for (std::int64_t i = 0; wants_noise && i < nz * ny; ++i) {
-                    row.assign(values.begin() + i * n.x, values.begin() + (i + 1) * n.x);
-                    noise.add(row);
+                    noise.add(std::span<const T>(values).subspan(static_cast<std::size_t>(i * n.x),
+                                                                 static_cast<std::size_t>(n.x)));
                 }
                 progress.advance(values.size() * sizeof(T));
             }

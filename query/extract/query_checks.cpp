@@ -247,7 +247,7 @@ double error_left(const StoreReader& store, double error) {
                                 error, tolerance, tolerance));
     }
     // Rounded down, so that the sum of both is at most the error.
-    return error > tolerance ? std::max(std::nextafter(error - tolerance, 0.0), 0.0) : 0.0;
+    return error > tolerance ? std::nextafter(error - tolerance, 0.0) : 0.0;
 }
 
 void require_label(const StoreReader& store, std::int64_t label) {
