@@ -57,7 +57,7 @@ STORAGE_HEADERS = re.compile(r"(hdf5|hdf5_hl|H5\w+|zstd\w*)\.h")
 # Zarr's chunks are zstd frames of their own.
 STORAGE_ALLOWED = ("store/", "tests/", "tools/bench/", "preprocess/sources/hdf5/",
                    "preprocess/sources/zarr/zarr_codec")
-TOP_LEVEL = {*MAY_INCLUDE, "CMakeLists.txt", "README.md", "CONTRIBUTING.md", "LICENSE",
+TOP_LEVEL = {*MAY_INCLUDE, "CMakeLists.txt", "README.md", "CONTRIBUTING.md", "CHANGES.md", "LICENSE",
              "CMakePresets.json", "pyproject.toml"}
 MOST_FILES = 32  # per folder; more files are divided into rooms
 DATA_FOLDERS = ("tests/fuzz/corpus/", "tests/store/golden/", "tools/pictures/figures/")

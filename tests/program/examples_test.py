@@ -183,6 +183,18 @@ with tempfile.TemporaryDirectory() as temporary:
     vertices, triangles = map(int, re.match(r"(\d+) vertices, (\d+) triangles$", shown).groups())
     check(vertices > 100 and 2 * vertices - triangles == 4, "MANUAL.md: the ball is not closed")
 
+    # A program with old names: each is a warning that gives the new one, and the results are those of the new ones.
+    old = ROOT / "tests" / "program" / "written_for_0_4.cpp"
+    warned = subprocess.run([compiler, "-std=c++20", "-Wall", "-fsyntax-only", "-I", prefix / "include", old],
+                            capture_output=True, text=True, check=True).stderr
+    names = set(re.findall(r"now called (\w+)", warned))
+    check(names == {"ErrorIndicator", "TriangleBudgetByDistance", "TriangleBudgetByError", "kMaxBytes", "kMaxOfStore",
+                    "kMaxRows", "kMaxPasses", "kMaxIsovalues", "kMinMemory", "normal_bar"}, f"{old.name}: {names}")
+    run(compiler, "-std=c++20", "-O1", *WARNINGS, "-Wno-deprecated-declarations", *flags, old, *asked,
+        "-o", work / "plain" / "old")
+    field, is_plus, few, fewer = run(work / "plain" / "old", cwd=work / "plain", env=environment).split()
+    check(field == "normal_bar" and is_plus == "1" and 0 < int(fewer) <= 300 < int(few) <= 600, f"{old.name}: results")
+
     programs = sorted(source.stem for source in (ROOT / "tools" / "examples").glob("*.cpp"))
     check(len(programs) >= 3, f"examples: {programs}")
     printed = {}

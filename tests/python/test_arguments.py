@@ -194,3 +194,19 @@ def test_a_dataset_that_is_not_there_is_not_asked_for_again(tmp_path, noise):
         with pytest.raises(isonest.Error) as caught:
             isonest.preprocess(path, tmp_path / "x", dataset="three")
         assert "one" in str(caught.value) and "dataset=" not in str(caught.value), caught.value
+
+
+def test_keywords_of_0_4_give_the_same_mesh_with_a_warning(store, noise):
+    for surface in (store.isosurface, lambda *a, **k: isonest.isosurface(noise, *a, **k)):
+        for old, new in (({"guarantee": "plus", "error": 0.2}, {"indicator": "plus", "error": 0.2}),
+                         ({"simplify": True, "error": 0.2}, {"error": 0.2}),
+                         ({"simplify": False, "error": 0.2}, {"effort": "none", "error": 0.2}),
+                         ({"simplify": False, "distance": 0.5}, {"distance": 0.5}),
+                         ({"no_simplify": True, "distance": 0.5}, {"effort": "none", "distance": 0.5}),
+                         ({"no_simplify": False, "distance": 0.5}, {"distance": 0.5})):
+            with pytest.deprecated_call(match=f"{next(iter(old))}= is deprecated"):
+                mesh = surface(0.3, **old)
+            same_mesh(mesh, surface(0.3, **new))
+    with pytest.deprecated_call():
+        mesh = store.slice((1, 0, 0), 4.0, error=0.2, guarantee="plus")
+    same_mesh(mesh, store.slice((1, 0, 0), 4.0, error=0.2, indicator="plus"))

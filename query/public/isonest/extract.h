@@ -109,6 +109,7 @@ struct LabelChoice {
 /// the mesh around it.
 struct LabelSmoothing {
     static constexpr int kMaxPasses = 64;
+    [[deprecated("now called kMaxPasses")]] static constexpr int kMostPasses = kMaxPasses;
     /// Number of smoothing passes, 0 ... kMaxPasses; 0 gives the faces of the voxels.
     int passes = 16;
     /// For meshes simplified within a distance. True: no node changes sides, whatever the distance.
@@ -209,6 +210,8 @@ ExtractReport extract(const Store& store, const GraphQuery& query, MeshSink& sin
 
 /// Maximum number of isovalues per call of extract_isovalues().
 inline constexpr std::size_t kMaxIsovalues = 256;
+[[deprecated("now called kMaxIsovalues")]] inline constexpr std::size_t kMostIsovalues =
+    kMaxIsovalues;
 
 /// Extracts the surfaces (or isolines) of several isovalues; query.iso is ignored. Each gets its
 /// own mesh, identical to the one that extract() makes for that isovalue alone. Isovalues that fit

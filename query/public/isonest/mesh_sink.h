@@ -101,6 +101,7 @@ class MeshSink {
   public:
     /// Maximum number of rows in a batch.
     static constexpr std::size_t kMaxRows = std::size_t{1} << 17U;
+    [[deprecated("now called kMaxRows")]] static constexpr std::size_t kMostRows = kMaxRows;
 
     MeshSink() = default;
     MeshSink(const MeshSink&) = delete;

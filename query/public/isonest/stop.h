@@ -17,6 +17,8 @@ enum class ErrorIndicator : std::uint8_t {
               ///< linf_bar the same as deviation
 };
 
+using Guarantee [[deprecated("now called ErrorIndicator")]] = ErrorIndicator;
+
 /// Maximum difference between the displayed function and the finest one, anywhere.
 struct ErrorBound {
     double value = 0;       ///< >= 0; 0 = full resolution
@@ -61,6 +63,9 @@ struct TriangleBudgetByDistance {
     std::optional<DistanceBound> within = {};
 };
 
+using TriangleBudget [[deprecated("now called TriangleBudgetByDistance")]] =
+    TriangleBudgetByDistance;
+
 using DistanceStop = std::variant<DistanceBound, TriangleBudgetByDistance>;
 
 /// The smallest error that is found for which the surface has at most this many triangles.
@@ -68,6 +73,8 @@ struct TriangleBudgetByError {
     std::uint64_t most = 0;  ///< > 0; triangles or lines
     ErrorIndicator indicator = ErrorIndicator::deviation;
 };
+
+using ErrorBudget [[deprecated("now called TriangleBudgetByError")]] = TriangleBudgetByError;
 
 /// The accuracy of a surface. If a surface with an ErrorBound or TriangleBudgetByError is
 /// simplified, the values on all new triangles are proven to be within the error, and the topology

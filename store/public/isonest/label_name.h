@@ -22,6 +22,9 @@ struct LabelName {
     static constexpr std::size_t kMaxBytes = 255;
     /// Maximum number of label names in a store.
     static constexpr std::size_t kMaxOfStore = std::size_t{1} << 16U;
+    [[deprecated("now called kMaxBytes")]] static constexpr std::size_t kMostBytes = kMaxBytes;
+    [[deprecated("now called kMaxOfStore")]] static constexpr std::size_t kMostOfStore =
+        kMaxOfStore;
 
     bool operator==(const LabelName&) const = default;
 };

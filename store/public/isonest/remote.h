@@ -29,6 +29,8 @@ struct RemoteAccess {
     /// are raised to kMinMemory.
     std::uint64_t memory = std::uint64_t{64} << 20U;
     static constexpr std::uint64_t kMinMemory = std::uint64_t{16} << 20U;
+    [[deprecated("now called kMinMemory")]] static constexpr std::uint64_t kLeastMemory =
+        kMinMemory;
     std::chrono::milliseconds connect_timeout{10'000};
     /// A request fails if almost no data arrives for this long.
     std::chrono::milliseconds slow_time{20'000};

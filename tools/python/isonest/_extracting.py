@@ -195,6 +195,7 @@ class Extracting:
         return Mesh(parts, coordinates=coordinates, frame=self._frame, flip=False, level=None, labels=sides,
                     areas=areas)
 
+    @_queries.with_old_names
     def slice(self, normal: Point, offset: float, *, error: float = 0.0, error_relative: Optional[float] = None,
               indicator: ErrorIndicator = "deviation", stop: Optional[str] = None, threshold: Optional[float] = None,
               threshold_relative: Optional[float] = None, focus: Union[None, Point, Box] = None, falloff: float = 0.0,
@@ -219,6 +220,7 @@ class Extracting:
                                 cells=cells)
         return self._extract(query, _queries.options(memory, threads, scratch, quality), progress, place)
 
+    @_queries.with_old_names
     def contours(self, normal: Point, offset: float, contours: Sequence[float], *, error: float = 0.0,
                  error_relative: Optional[float] = None, indicator: ErrorIndicator = "deviation",
                  stop: Optional[str] = None, threshold: Optional[float] = None,
@@ -239,6 +241,7 @@ class Extracting:
         place.set_box(query, box)
         return self._extract(query, _queries.options(memory, threads, scratch), progress, place)
 
+    @_queries.with_old_names
     def graph(self, *, scale: float = 1.0, error: float = 0.0, error_relative: Optional[float] = None,
               indicator: ErrorIndicator = "deviation", stop: Optional[str] = None, threshold: Optional[float] = None,
               threshold_relative: Optional[float] = None, focus: Union[None, Point, Box] = None, falloff: float = 0.0,

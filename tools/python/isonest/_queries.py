@@ -4,6 +4,7 @@ from __future__ import annotations
 import functools
 import inspect
 import os
+import warnings
 from typing import Any, Callable, Literal, NamedTuple, Optional, TypeVar, Union, cast
 
 import numpy as np
@@ -194,6 +195,35 @@ OF_MARCHING_CUBES = {
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
+def renew(keywords: "dict[str, Any]") -> "dict[str, Any]":
+    """Keywords with names of isonest 0.4 as they are called now, with a DeprecationWarning for each."""
+    renewed = dict(keywords)
+
+    def old(name: str, instead: str) -> Any:
+        warnings.warn(f"{name}= is deprecated: {instead}", DeprecationWarning, stacklevel=4)
+        return renewed.pop(name)
+    if "guarantee" in renewed:
+        renewed["indicator"] = old("guarantee", "it is called indicator=")
+    if "no_simplify" in renewed and old("no_simplify", 'use effort="none"'):
+        renewed["effort"] = "none"
+    if "simplify" in renewed:
+        # It was about errors alone.
+        is_of_error = keywords.get("distance") is None and (
+            keywords.get("triangles") is None or keywords.get("by") == "error")
+        if not old("simplify", 'use effort="none" for a mesh that is not simplified') and is_of_error:
+            renewed["effort"] = "none"
+    return renewed
+
+
+def with_old_names(method: _F) -> _F:
+    """Makes a method accept keywords of isonest 0.4 that were renamed."""
+    @functools.wraps(method)
+    def renewed(*arguments: Any, **keywords: Any) -> Any:
+        return method(*arguments, **renew(keywords))
+
+    return cast(_F, renewed)
+
+
 def with_ways(name: str) -> Callable[[_F], _F]:
     """Makes a method answer unknown keywords with the way to do it, by the name that its callers know."""
     def wrap(method: _F) -> _F:
@@ -201,6 +231,7 @@ def with_ways(name: str) -> Callable[[_F], _F]:
 
         @functools.wraps(method)
         def checked(*arguments: Any, **keywords: Any) -> Any:
+            keywords = renew(keywords)
             if not keywords.keys() <= known:
                 refuse_unknown(name, keywords, known, OF_MARCHING_CUBES)
             return method(*arguments, **keywords)

@@ -158,6 +158,7 @@ def isosurface(volume: Any, iso: "float | Sequence[float] | None" = None, *,
     memory: bytes, in addition to the volume and the mesh (at full resolution, twice the mesh). scratch: the folder for
         the store and temporary files; None: the system's.
     """
+    query = _queries.renew(query)
     own = inspect.signature(isosurface).parameters.keys() - {"query"}
     refuse_unknown("isosurface", query, own | inspect.signature(Store.isosurface).parameters.keys() - {"self"}, _WAYS)
     iso = _queries.isovalue(iso, level)
