@@ -19,6 +19,9 @@
 namespace isonest::detail {
 namespace {
 
+/// A number of 16 bits for each of 8 bits.
+constexpr int kPerByte = 257;
+
 template <class T>
 std::byte* put(const T& number, std::byte* out) {
     std::memcpy(out, &number, sizeof(number));
@@ -45,7 +48,39 @@ std::array<float, 3> turned(const std::array<float, 3>& p) {
     return {0 - p[0], 0 - p[1], p[2]};
 }
 
-/// Writes the position and attributes of a vertex, or one of several attributes.
+/// The colour of a value, in numbers of 16 bits.
+std::array<double, 3> color_of(const ColorScale& scale, double value) {
+    constexpr std::size_t kLast = std::tuple_size_v<decltype(scale.map)> - 1;
+    const double part = (value - scale.low) / (scale.high - scale.low);
+    // Not std::clamp, so that NaN gets the first colour.
+    const double at = part > 0 ? std::min(part, 1.0) * static_cast<double>(kLast) : 0;
+    const auto i = std::min(static_cast<std::size_t>(at), kLast - 1);
+    std::array<double, 3> color{};
+    for (std::size_t c = 0; c < 3; ++c) {
+        const double from = scale.map[i][c];
+        color[c] = from + (at - static_cast<double>(i)) * (scale.map[i + 1][c] - from);
+    }
+    return color;
+}
+
+std::byte* put_color(const ColorScale& scale, const std::byte* row, std::byte* out) {
+    double value = 0;
+    if (scale.is_double) {
+        std::memcpy(&value, row + scale.first, sizeof(value));
+    } else {
+        float number = 0;
+        std::memcpy(&number, row + scale.first, sizeof(number));
+        value = static_cast<double>(number);
+    }
+    for (const double number : color_of(scale, value)) {
+        out = scale.form == ColorForm::displayed8
+                  ? put(static_cast<std::uint8_t>(std::lround(number / kPerByte)), out)
+                  : put(static_cast<std::uint16_t>(std::lround(number)), out);
+    }
+    return scale.form == ColorForm::displayed8 ? out : put(std::uint16_t{0xFFFF}, out);
+}
+
+/// Writes the position, attributes and colour of a vertex, or one of several attributes.
 void fill(const VertexSection& section, const VertexBatch& batch, std::byte* out) {
     const std::byte* attributes = batch.attributes.data() + section.first;
     for (const std::array<float, 3>& position : batch.positions) {
@@ -61,6 +96,9 @@ void fill(const VertexSection& section, const VertexBatch& batch, std::byte* out
             out += section.bytes;
         } else {
             out = std::copy_n(attributes, section.bytes, out);
+        }
+        if (section.color.form != ColorForm::none) {
+            out = put_color(section.color, attributes - section.first, out);
         }
         attributes += batch.row_bytes;
     }
@@ -176,9 +214,11 @@ void write_rows(const File& file, const Sections& sections, Base64Rows& base64,
                 const VertexBatch& batch) {
     for (const VertexSection& section : sections.vertices) {
         const std::uint64_t at = section.offset + batch.first * section.stride();
-        if (section.bytes == 0 && is_as_it_comes(section)) {
+        const bool is_plain = section.color.form == ColorForm::none;
+        if (is_plain && section.bytes == 0 && is_as_it_comes(section)) {
             write(file, base64, section.base64, at, std::as_bytes(batch.positions));
-        } else if (!section.position && section.bytes == batch.row_bytes && !section.turned) {
+        } else if (is_plain && !section.position && section.bytes == batch.row_bytes &&
+                   !section.turned) {
             write(file, base64, section.base64, at, batch.attributes);
         } else {
             const std::size_t bytes = batch.positions.size() * section.stride();
@@ -251,6 +291,32 @@ VertexSection position_section(std::uint64_t offset, double scale) {
 
 VertexSection attribute_section(std::uint64_t offset, const VertexAttribute& attribute) {
     return {offset, false, attribute.offset, attribute.bytes()};
+}
+
+VertexSection color_section(std::uint64_t offset, const ColorScale& color) {
+    VertexSection section{offset};
+    section.color = color;
+    return section;
+}
+
+ColorScale color_scale(const VertexColors& colors, const MeshLayout& layout, ColorForm form) {
+    const VertexAttribute& attribute = *layout.find(colors.attribute);
+    ColorScale scale{form, attribute.is_double, attribute.offset, colors.low, colors.high};
+    for (std::size_t i = 0; i < scale.map.size(); ++i) {
+        for (std::size_t c = 0; c < 3; ++c) {
+            const std::uint8_t shown = colors.map[i][c];
+            scale.map[i][c] = static_cast<std::uint16_t>(
+                form == ColorForm::displayed8 ? kPerByte * shown
+                                              : std::lround(0xFFFF * linear_of(shown)));
+        }
+    }
+    return scale;
+}
+
+double linear_of(std::uint8_t shown) {
+    constexpr double kMax = 255;
+    const double part = shown / kMax;
+    return part <= 0.04045 ? part / 12.92 : std::pow((part + 0.055) / 1.055, 2.4);
 }
 
 ElementSection connectivity_section(std::uint64_t offset, std::size_t corners) {
@@ -390,6 +456,10 @@ std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
                 throw Error(ErrorKind::invalid_argument, {path.string()},
                             "only meshes in .ngmesh are moved");
             }
+            if (options.up == UpAxis::y && end != ".glb" && end != ".obj") {
+                throw Error(ErrorKind::invalid_argument, {path.string()},
+                            "only meshes in .glb and .obj can have y up");
+            }
             return format.open(path, options);
         }
     }
@@ -425,6 +495,19 @@ void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem
     if (layout.corners == 2 && !holds_lines()) {
         throw Error(ErrorKind::invalid_argument, {path_.string()},
                     "lines are written as .vtp or .obj");
+    }
+    if (options_.colors && !holds_colors()) {
+        throw Error(ErrorKind::invalid_argument, {path_.string()},
+                    "vertices with colours are written as .glb or .ply");
+    }
+    if (options_.colors && layout.find(options_.colors->attribute) == nullptr) {
+        throw Error(
+            ErrorKind::invalid_argument, {path_.string()},
+            fmt::format("the mesh has no {} to choose colours by", options_.colors->attribute));
+    }
+    if (options_.colors && !(options_.colors->low < options_.colors->high)) {
+        throw Error(ErrorKind::invalid_argument, {path_.string()},
+                    "the value of the first colour must be below that of the last one");
     }
     if (layout.has_sides && !holds_sides()) {
         throw Error(ErrorKind::invalid_argument, {path_.string()},

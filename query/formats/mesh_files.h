@@ -45,8 +45,13 @@ class MeshFile : public MeshSink {
     [[nodiscard]] const std::string& title() const { return options_.title; }
     [[nodiscard]] const std::optional<LabelColor>& color() const { return options_.color; }
     [[nodiscard]] const Double3& shift() const { return options_.shift; }
+    [[nodiscard]] const std::optional<VertexColors>& colors() const { return options_.colors; }
+    /// Whether y points up in the file.
+    [[nodiscard]] bool is_y_up() const { return options_.up == UpAxis::y; }
     /// Whether the format supports lines.
     [[nodiscard]] virtual bool holds_lines() const { return false; }
+    /// Whether the format supports colours of vertices.
+    [[nodiscard]] virtual bool holds_colors() const { return false; }
     /// Whether the format supports labels on both sides of triangles.
     [[nodiscard]] virtual bool holds_sides() const { return false; }
     /// `prepare`: as of OutputFile.
@@ -84,7 +89,34 @@ std::unique_ptr<MeshSink> ngmesh_file(const std::filesystem::path& path, const M
 // The common part of the binary mesh formats: tables with one row per vertex or element, each at a
 // known place in the file, so that all batches can be written concurrently.
 
-/// A table with a row for every vertex: its position, some bytes of its attributes, or both.
+/// How a row stores a vertex's colour: not; red, green, blue as displayed, one byte each; or red,
+/// green, blue and an alpha of 1 as linear numbers of 16 bits.
+enum class ColorForm : std::uint32_t { none, displayed8, linear16 };
+
+/// Colours by an attribute, as plain numbers.
+struct ColorScale {
+    ColorForm form = ColorForm::none;
+    bool is_double = false;  ///< the attribute is
+    std::size_t first = 0;   ///< first byte of the attribute in a vertex's row
+    double low = 0;
+    double high = 1;
+    /// Evenly spaced, in the form's terms, in numbers of 16 bits.
+    std::array<std::array<std::uint16_t, 3>, 256> map{};
+
+    [[nodiscard]] std::size_t bytes() const {
+        return form == ColorForm::none         ? 0
+               : form == ColorForm::displayed8 ? 3
+                                               : 4 * sizeof(std::uint16_t);
+    }
+};
+/// REQUIRES: the layout has the colours' attribute, and low < high.
+ColorScale color_scale(const VertexColors& colors, const MeshLayout& layout, ColorForm form);
+
+/// Converts a display value from 0 to 255 to a linear one from 0 to 1. Source: IEC 61966-2-1.
+double linear_of(std::uint8_t shown);
+
+/// A table with a row for every vertex: its position, some bytes of its attributes, its colour, or
+/// several of them.
 struct VertexSection {
     std::uint64_t offset = 0;
     bool position = false;
@@ -99,13 +131,15 @@ struct VertexSection {
     bool turned = false;
     std::size_t normal = kNoNormal;
     static constexpr std::size_t kNoNormal = ~std::size_t{0};
+    ColorScale color = {};  ///< follows the attributes
 
     [[nodiscard]] std::size_t stride() const {
-        return (position ? sizeof(std::array<float, 3>) : 0) + bytes;
+        return (position ? sizeof(std::array<float, 3>) : 0) + bytes + color.bytes();
     }
 };
 VertexSection position_section(std::uint64_t offset, double scale = 1);
 VertexSection attribute_section(std::uint64_t offset, const VertexAttribute& attribute);
+VertexSection color_section(std::uint64_t offset, const ColorScale& color);
 
 /// Contents of an element's row.
 enum class ElementRow : std::uint32_t { corners, end, common, sides, corners32, facet };

@@ -42,12 +42,18 @@ class PlyFile : public SectionedFile {
         for (const VertexAttribute& attribute : layout.attributes) {
             header += property_of(attribute);
         }
+        if (colors()) {
+            header += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+        }
         header += fmt::format(
             "element face {}\nproperty list uchar {} vertex_indices\n{}end_header\n",
             layout.elements, layout.vertices > 0x7FFFFFFFULL ? "uint" : "int",
             layout.has_sides ? "property int label_behind\nproperty int label_in_front\n" : "");
         create().write_at(0, std::as_bytes(std::span(header)));
-        const VertexSection rows{header.size(), true, 0, layout.row_bytes};
+        VertexSection rows{header.size(), true, 0, layout.row_bytes};
+        if (colors()) {
+            rows.color = color_scale(*colors(), layout, ColorForm::displayed8);
+        }
         const std::uint64_t faces = header.size() + layout.vertices * rows.stride();
         use({{rows},
              {layout.has_sides ? sided_indices32_section(faces)
@@ -57,6 +63,7 @@ class PlyFile : public SectionedFile {
 
   protected:
     [[nodiscard]] bool holds_sides() const override { return true; }
+    [[nodiscard]] bool holds_colors() const override { return true; }
 
   private:
     /// PLY has no 64-bit integers.
@@ -168,15 +175,8 @@ std::string in_json(std::string_view text) {
     return out;
 }
 
-/// Converts a display value from 0 to 255: glTF's colours are linear. Source: IEC 61966-2-1.
-double linear_of(std::uint8_t shown) {
-    constexpr double kMax = 255;
-    const double part = shown / kMax;
-    return part <= 0.04045 ? part / 12.92 : std::pow((part + 0.055) / 1.055, 2.4);
-}
-
 /// A surface has no inside: it is visible from both sides. Without explicit properties viewers
-/// render it as metal.
+/// render it as metal. glTF's colours are linear.
 std::string material_of(const std::string& title, const std::optional<LabelColor>& color) {
     return fmt::format(
         R"({{"name":"{}","doubleSided":true,"pbrMetallicRoughness":{{"baseColorFactor":)"
@@ -200,17 +200,22 @@ class GlbFile : public SectionedFile {
             R"({"asset":{"version":"2.0","generator":"isonest"},"scene":0,"scenes":[{)";
         if (layout.elements > 0) {
             json += fmt::format(
-                "\"nodes\":[0]}}],\"nodes\":[{{\"mesh\":0{}{}{}}}],\"meshes\":[{{\"primitives\":[{{"
+                "\"nodes\":[0]}}],\"nodes\":[{{\"mesh\":0{}{}{}{}}}],\"meshes\":[{{\"primitives\":["
+                "{{"
                 "\"attributes\":{{{}}},\"indices\":{},\"material\":0,\"mode\":4}}]}}],"
                 "\"materials\":[{}],\"buffers\":[{{"
                 "\"byteLength\":{}}}],\"bufferViews\":[{}],\"accessors\":[{}]}}",
                 title().empty() ? "" : fmt::format(R"(,"name":"{}")", in_json(title())),
+                // A quarter turn about x takes z up to y.
+                is_y_up() ? R"(,"rotation":[-0.70710678118654752,0,0,0.70710678118654752])" : "",
                 scale_of(layout.unit),
                 layout.frame == AnatomicalFrame::unknown
                     ? ""
                     : fmt::format(R"(,"extras":{{"SPACE":"{}"}})", name_of(layout.frame)),
-                names, arrays.count - 1, material_of(title(), color()), arrays.end, arrays.views,
-                arrays.accessors);
+                names, arrays.count - 1,
+                // Colours of vertices are multiplied by the material's.
+                material_of(title(), colors() ? LabelColor{255, 255, 255} : color()), arrays.end,
+                arrays.views, arrays.accessors);
         } else {
             // glTF does not allow an empty mesh. VTK rejects a scene without nodes and a file
             // without binary data.
@@ -235,10 +240,14 @@ class GlbFile : public SectionedFile {
         use(std::move(sections), layout);
     }
 
+  protected:
+    [[nodiscard]] bool holds_colors() const override { return true; }
+
   private:
     /// The names of the attributes with the numbers of their accessors.
-    static std::string add_arrays(const MeshLayout& layout, Arrays& arrays, Sections& sections) {
+    std::string add_arrays(const MeshLayout& layout, Arrays& arrays, Sections& sections) const {
         constexpr int kFloat = 5126;
+        constexpr int kUshort = 5123;
         constexpr int kUint = 5125;
         constexpr int kVertices = 34962;
         constexpr int kIndices = 34963;
@@ -257,6 +266,14 @@ class GlbFile : public SectionedFile {
                 attribute_section(arrays.add(nv * a.bytes(), nv, kFloat,
                                              a.components == 3 ? "VEC3" : "SCALAR", kVertices),
                                   a));
+        }
+        if (colors()) {
+            names += fmt::format(",\"COLOR_0\":{}", arrays.count);
+            const ColorScale scale = color_scale(*colors(), layout, ColorForm::linear16);
+            sections.vertices.push_back(
+                color_section(arrays.add(nv * scale.bytes(), nv, kUshort, "VEC4", kVertices,
+                                         ",\"normalized\":true"),
+                              scale));
         }
         sections.elements.push_back(
             indices32_section(arrays.add(nt * 12, nt * 3, kUint, "SCALAR", kIndices)));

@@ -39,13 +39,13 @@ class ObjFile : public MeshFile {
         std::string text;
         auto out = std::back_inserter(text);
         for (std::size_t i = 0; i < batch.positions.size(); ++i) {
-            const std::array<float, 3> p = in_file(batch.positions[i]);
+            const std::array<float, 3> p = upright(in_file(batch.positions[i]));
             fmt::format_to(out, "v {:.9g} {:.9g} {:.9g}\n", p[0], p[1], p[2]);
             if (normal_) {
                 const std::array<float, 3> n =
-                    in_file({static_cast<float>(batch.number(i, *normal_, 0)),
-                             static_cast<float>(batch.number(i, *normal_, 1)),
-                             static_cast<float>(batch.number(i, *normal_, 2))});
+                    upright(in_file({static_cast<float>(batch.number(i, *normal_, 0)),
+                                     static_cast<float>(batch.number(i, *normal_, 1)),
+                                     static_cast<float>(batch.number(i, *normal_, 2))}));
                 fmt::format_to(out, "vn {:.6g} {:.6g} {:.6g}\n", n[0], n[1], n[2]);
             }
         }
@@ -71,6 +71,9 @@ class ObjFile : public MeshFile {
     [[nodiscard]] bool holds_lines() const override { return true; }
 
   private:
+    [[nodiscard]] std::array<float, 3> upright(const std::array<float, 3>& p) const {
+        return is_y_up() ? std::array<float, 3>{p[0], p[2], 0 - p[1]} : p;
+    }
     void write(const std::string& text) {
         file().write_at(at_, std::as_bytes(std::span(text)));
         at_ += text.size();

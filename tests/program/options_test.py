@@ -48,7 +48,7 @@ IN_WORDS = {
     "--fov": "camera", "--height": "camera", "--bound": "bound|field", "--vertices": "exact vertices",
     "--level": "level", "--box": "box", "--plane": "plane|slice", "--field": "indicator|field", "--graph-distance": "graphs?",
     "--space": "patient", "--contours": "lines", "--over": "Neuroglancer|label",
-    "--norm": "L\\^|norm", "--iso": "isosurface|isovalue|label", "--quality": "quality",
+    "--up": "y up", "--colors": "colours", "--range": "colours", "--norm": "L\\^|norm", "--iso": "isosurface|isovalue|label", "--quality": "quality",
 }
 
 STORES = ("store", "plane store", "label store", "url of a store")
@@ -97,13 +97,15 @@ OPTIONS = {
         "--interfaces": (["--interfaces"], []), "--format": (["--format", "stl"], []), "--normals": (["--normals"], []),
         "--vertex-values": (["--vertex-values", "{here}/other.isonest"], []),
         "--vertex-error": (["--vertex-error", "deviation_bar"], []), "--quality": (["--quality"], []),
-        "--space": (["--space", "lps"], []),
+        "--space": (["--space", "lps"], []), "--up": (["--up", "y"], []),
+        "--colors": (["--colors", "gray"], ["--vertex-values", "{here}/other.isonest"]),
+        "--range": (["--range", "10,2000"], ["--vertex-values", "{here}/other.isonest", "--colors", "gray"]),
         "--over": (["--over", "precomputed"], ["--labels", "1", "--smooth", "--format", "neuroglancer"])},
     "slice": {**READING, **KEEP, **NETWORK, **COARSE,
         "--output": None, "--plane": (["--plane", "1,2,3,24"], []), "--cells": (["--cells", "hex"], []),
         "--normals": (["--normals"], []), "--vertex-error": (["--vertex-error", "deviation_bar"], []),
         "--size": (["--size", "100x90"], []), "--colors": (["--colors", "gray"], []), "--plain": (["--plain"], []),
-        "--space": (["--space", "lps"], []), "--range": (["--range", "10,20"], []), "--grid": (["--grid"], []), "--contours": (["--contours", "50"], [])},
+        "--space": (["--space", "lps"], []), "--up": (["--up", "y"], []), "--range": (["--range", "10,20"], []), "--grid": (["--grid"], []), "--contours": (["--contours", "50"], [])},
     "study": {**NETWORK,
         "--out": None, "--fields": (["--fields", "l1_bar"], []), "--iso": (["--iso", "60"], []),
         "--plane": (["--plane", "1,2,3,24"], []), "--norm": (["--norm", "3"], []), "--graph-distance": (["--graph-distance"], []),

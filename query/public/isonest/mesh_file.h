@@ -1,6 +1,7 @@
 // Writes meshes to files.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -25,6 +26,19 @@ enum class MeshSpace : std::uint8_t {
     lps   ///< likewise
 };
 
+/// Colours of vertices, from the value of one of their attributes.
+struct VertexColors {
+    std::string attribute = "value";
+    double low = 0;   ///< value of the first colour; values below have it as well, and so has NaN
+    double high = 1;  ///< value of the last colour; values above have it as well; > low
+    std::array<LabelColor, 256> map{};  ///< evenly spaced; linear between them
+
+    bool operator==(const VertexColors&) const = default;
+};
+
+/// The axis of the mesh's coordinates that points up in a file. Viewers of .glb and .obj expect y.
+enum class UpAxis : std::uint8_t { z, y };
+
 struct MeshFileOptions {
     /// Whether to replace an existing regular file, unless the mesh is made from it. Folders, links
     /// and devices are never replaced.
@@ -34,6 +48,12 @@ struct MeshFileOptions {
     /// Colour in which the mesh is drawn.
     std::optional<LabelColor> color = {};
     MeshSpace space = MeshSpace::automatic;
+    /// For .glb and .ply only: a colour for each vertex. prepare() throws Error{invalid_argument}
+    /// for other formats, and if the mesh does not have the attribute.
+    std::optional<VertexColors> colors = {};
+    /// For .glb and .obj only; rejected for other formats. With y, (x, y, z) becomes (x, z, -y): by
+    /// the node's rotation in .glb, in the coordinates in .obj.
+    UpAxis up = UpAxis::z;
     /// For .ngmesh only: added to all positions, in world units (see VoxelOrigin). Rejected for
     /// other formats.
     Double3 shift = {};
@@ -53,6 +73,8 @@ struct MeshFileOptions {
 /// Elements with labels on both sides (MeshLayout::has_sides) can be written as .vtp and .vtkhdf
 /// (cell array BoundaryLabels, two int64) and as .ply (face properties label_behind and
 /// label_in_front, int32).
+///
+/// Colours of vertices are COLOR_0 in .glb, and red, green and blue in .ply.
 ///
 /// Title and colour are written as the node's name and the material's colour in .glb, as the
 /// object's name and display colour in .3mf, and as the field data "Name" and "Color" (0 to 1) in

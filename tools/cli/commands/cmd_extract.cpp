@@ -50,12 +50,57 @@ GraphQuery graph_query(const ExtractCommand& arguments, const Store* values) {
     return query;
 }
 
+/// The attribute by which --colors colours the vertices. Throws Error{invalid_argument} if it is
+/// the same at all vertices.
+std::string attribute_to_color(const ExtractCommand& arguments) {
+    const ExtractArguments& a = arguments.extract;
+    const LabelArguments& labels = arguments.labels;
+    if (labels.one || labels.several) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--colors is for surfaces of values: each label has one colour, which the "
+                    "option --label-names of isonest preprocess sets");
+    }
+    if (!arguments.values.empty() || a.is_graph) {
+        return "value";
+    }
+    if (arguments.isovalues.all.size() > 1 && !is_own_name(a.mesh)) {
+        return "isovalue";
+    }
+    if (!a.vertex_error) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--colors: on a surface of one isovalue all vertices have the same value; add "
+                    "--vertex-values STORE, --vertex-error FIELD or more isovalues");
+    }
+    if (!a.color_range) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--colors with --vertex-error needs --range LOW,HIGH");
+    }
+    return "error";
+}
+
+void choose_vertex_colors(ExtractCommand& arguments, const Store& store, const Store* values) {
+    ExtractArguments& a = arguments.extract;
+    if (a.color_map.empty()) {
+        return;
+    }
+    const std::string attribute = attribute_to_color(arguments);
+    if (attribute == "isovalue") {
+        const auto [low, high] =
+            std::minmax_element(arguments.isovalues.all.begin(), arguments.isovalues.all.end());
+        choose_colors(a, attribute, *low, *high);
+    } else {
+        const Store& of = values != nullptr ? *values : store;
+        choose_colors(a, attribute, of.min_value(), of.max_value());
+    }
+}
+
 ExtractReport run_query(const Store& store, const ExtractCommand& arguments, const Store* values,
                         Progress& progress) {
     const ExtractArguments& a = arguments.extract;
     const std::unique_ptr<MeshSink> sink = open_mesh_file(
-        a.mesh, arguments.labels.one ? label_file_options(store, *arguments.labels.one, a.space)
-                                     : a.file_options());
+        a.mesh, arguments.labels.one
+                    ? label_file_options(store, *arguments.labels.one, a.file_options())
+                    : a.file_options());
     if (a.is_graph) {
         return extract(store, graph_query(arguments, values), *sink, options_of(a), progress);
     }
@@ -110,6 +155,7 @@ Result extract_store(const Store& store, ExtractCommand arguments, const Store* 
                      bool has_iso, Progress& progress) {
     const ExtractArguments& a = arguments.extract;
     resolve_label_names(arguments.labels, store);
+    choose_vertex_colors(arguments, store, values);
     arguments.distance.resolve(store.unit(), a.store);
     const LabelArguments& labels = arguments.labels;
     if (labels.keep_nodes && (!labels.smooth || !arguments.distance.stop())) {
@@ -246,6 +292,9 @@ Result extract_volume(ExtractCommand& arguments, bool has_iso, Progress& progres
 
 Result run(ExtractCommand& arguments, bool has_iso, Communicator* ranks, Progress& progress) {
     require_suitable_cells(arguments.extract);
+    if (!arguments.extract.color_map.empty()) {
+        attribute_to_color(arguments);
+    }
     const std::optional<Store> store =
         open_if_store(arguments.in, arguments.extract.options.memory, progress);
     arguments.extract.store = store ? store->path().string() : arguments.in.shown();
@@ -362,7 +411,11 @@ void add_extract(CLI::App& app, Invocation& chosen) {
         c, a->labels,
         {"--iso", "--error", "--error-relative", "--stop", "--focus", "--camera", "--graph",
          "--bound", "--view", "--vertices", "--keep-analysis", "--volume-interval"});
-    add_space_option(c, a->extract);
+    add_space_options(c, a->extract);
+    c->add_option("--colors", a->extract.color_map);
+    add_parsed(c, "--range", [a](const std::string& text) {
+        a->extract.color_range = parse_range(text);
+    })->needs("--colors");
     c->add_flag("--normals", a->extract.normals);
     c->add_option("--vertex-values", a->values);
     add_parsed(c, "--vertex-error", [a](const std::string& text) {

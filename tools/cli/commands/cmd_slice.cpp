@@ -30,8 +30,8 @@ struct SliceArguments {
     ExtractArguments extract;
     WorldPlane plane;
     SlicePictureOptions picture;  ///< its contours are used even if no picture is drawn
-    bool has_range = false;
-    std::string picture_option;  ///< an option given for the picture, or empty
+    std::string picture_option;   ///< an option given for the picture, or empty
+    std::string color_option;     ///< an option given for colours, or empty
     InputArguments in;
 };
 
@@ -109,19 +109,24 @@ ExtractReport run_slice(const Store& store, const SliceArguments& a, MeshSink& s
 }
 
 Result slice_store(const Store& store, SliceArguments& a, Progress& progress) {
-    if (!a.has_range) {
-        a.picture.low = store.min_value();
-        a.picture.high = store.max_value();
-    }
+    a.picture.low = a.extract.color_range ? (*a.extract.color_range)[0] : store.min_value();
+    a.picture.high = a.extract.color_range ? (*a.extract.color_range)[1] : store.max_value();
     const bool picture = is_png(a.extract.mesh);
     const bool lines = !picture && !a.picture.contours.empty();
     if (!picture && a.picture.grid) {
         throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
                     "--grid needs a picture: give a name that ends with .png");
     }
-    if (picture && a.extract.space != MeshSpace::automatic) {
+    if (picture && (a.extract.space != MeshSpace::automatic || a.extract.up != UpAxis::z)) {
         throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
-                    "--space needs a mesh, and this is a picture");
+                    fmt::format("{} needs a mesh, and this is a picture",
+                                a.extract.up != UpAxis::z ? "--up" : "--space"));
+    }
+    if (lines && !a.color_option.empty()) {
+        throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
+                    a.color_option +
+                        " is for pictures and meshes of triangles, not for the lines "
+                        "of --contours");
     }
     ExtractReport r;
     if (picture && (a.extract.normals || a.extract.vertex_error)) {
@@ -142,6 +147,10 @@ Result slice_store(const Store& store, SliceArguments& a, Progress& progress) {
     } else if (lines) {
         r = run_contours(store, a, progress);
     } else {
+        if (!a.color_option.empty()) {
+            a.extract.color_map = a.picture.colors;
+            choose_colors(a.extract, "value", store.min_value(), store.max_value());
+        }
         const auto sink = open_mesh_file(a.extract.mesh, a.extract.file_options());
         r = run_slice(store, a, *sink, progress);
     }
@@ -227,7 +236,7 @@ void add_slice(CLI::App& app, Invocation& chosen) {
     add_extract_options(c, a->extract);
     a->extract.is_slice = true;
     add_cells_option(c, a->extract);
-    add_space_option(c, a->extract);
+    add_space_options(c, a->extract);
     add_parsed(c, "--plane", [a](const std::string& text) {
         a->plane = parse_plane(text);
     })->required();
@@ -247,25 +256,22 @@ void add_slice(CLI::App& app, Invocation& chosen) {
         "800x800");
     c->add_option("--colors", o.colors);
     c->add_flag("--plain", o.plain);
-    add_parsed(c, "--range", [a](const std::string& text) {
-        const std::vector<double> v = parse_numbers("--range", text, 2, "LOW,HIGH");
-        if (!(v[0] < v[1])) {
-            throw Error(ErrorKind::invalid_argument,
-                        fmt::format("--range '{}': give the low value first", text));
-        }
-        a->picture.low = v[0];
-        a->picture.high = v[1];
-        a->has_range = true;
-    });
+    add_parsed(c, "--range",
+               [a](const std::string& text) { a->extract.color_range = parse_range(text); });
     c->add_flag("--grid", o.grid);
     add_parsed(c, "--contours",
                [&o](const std::string& text) { o.contours = parse_contours(text); });
     c->add_option("-o,--output", a->extract.mesh)->required();
     c->callback([a, c, &chosen] {
         note_source_option(*c, a->in);
-        for (const char* const option : {"--size", "--colors", "--plain", "--range"}) {
+        for (const char* const option : {"--size", "--plain"}) {
             if (c->get_option(option)->count() > 0) {
                 a->picture_option = option;
+            }
+        }
+        for (const char* const option : {"--range", "--colors"}) {
+            if (c->get_option(option)->count() > 0) {
+                a->color_option = option;
             }
         }
         chosen.run = [a](Progress& progress) {

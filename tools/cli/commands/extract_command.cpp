@@ -98,7 +98,7 @@ bool needs_no_store(VolumeSource& volume, const ExtractCommand& arguments, bool 
     const LabelArguments& labels = arguments.labels;
     if (!arguments.in.keep.empty() || !has_iso || arguments.extract.is_graph || labels.one ||
         labels.several || labels.smooth || labels.keep_nodes || !arguments.values.empty() ||
-        arguments.isovalues.all.size() > 1 ||
+        !arguments.extract.color_map.empty() || arguments.isovalues.all.size() > 1 ||
         arguments.extract.error.indicator != ErrorIndicator::deviation) {
         return false;
     }

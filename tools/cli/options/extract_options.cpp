@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <optional>
 
 #include <isonest/error.h>
@@ -13,6 +15,7 @@
 #include "store/container/reader.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/terminal/interrupt.h"
+#include "tools/drawing/canvas.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -240,7 +243,43 @@ void add_extract_options(CLI::App* c, ExtractArguments& a) {
     add_threads(c, a.options.threads);
 }
 
-void add_space_option(CLI::App* c, ExtractArguments& a) {
+std::array<double, 2> parse_range(const std::string& text) {
+    const std::vector<double> v = parse_numbers("--range", text, 2, "LOW,HIGH");
+    if (!(v[0] < v[1])) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("--range '{}': give the low value first", text));
+    }
+    return {v[0], v[1]};
+}
+
+void choose_colors(ExtractArguments& a, const std::string& attribute, double low, double high) {
+    const ColorMap map(a.color_map, "--colors");
+    VertexColors& colors = a.vertex_colors.emplace();
+    colors.attribute = attribute;
+    colors.low = a.color_range ? (*a.color_range)[0] : low;
+    // Data of one value, or of none, have the first colour.
+    colors.high = a.color_range ? (*a.color_range)[1]
+                  : low < high  ? high
+                                : std::nextafter(low, std::numeric_limits<double>::max());
+    if (!std::isfinite(colors.low) || !std::isfinite(colors.high)) {
+        colors.low = 0;
+        colors.high = 1;
+    }
+    for (std::size_t i = 0; i < colors.map.size(); ++i) {
+        const Rgb color = map.color(static_cast<double>(i) / 255);
+        for (std::size_t part = 0; part < 3; ++part) {
+            colors.map[i][part] = static_cast<std::uint8_t>(std::lround(color[part]));
+        }
+    }
+}
+
+void add_space_options(CLI::App* c, ExtractArguments& a) {
+    add_parsed(c, "--up", [&a](const std::string& text) {
+        if (text != "y" && text != "z") {
+            throw Error(ErrorKind::invalid_argument, fmt::format("--up '{}': give y or z", text));
+        }
+        a.up = text == "y" ? UpAxis::y : UpAxis::z;
+    });
     add_parsed(c, "--space", [&a](const std::string& text) {
         const auto frame = frame_from(text);
         if (!frame && text != "as-stored") {

@@ -1,6 +1,7 @@
 // The options shared by all commands that extract a mesh from a store.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
 #include <vector>
@@ -44,10 +45,19 @@ struct ExtractArguments {
     bool is_slice = false;        ///< true for contour lines too
     bool is_graph = false;
     MeshSpace space = MeshSpace::automatic;  ///< space of the mesh file
+    UpAxis up = UpAxis::z;                   ///< of the mesh file
+    std::string color_map = {};              ///< for colours of vertices; empty: none
+    std::optional<std::array<double, 2>> color_range = {};
+    std::optional<VertexColors> vertex_colors = {};  ///< set by choose_colors()
 
     /// Options for writing the mesh file.
     [[nodiscard]] MeshFileOptions file_options() const {
-        return {.replace = true, .title = {}, .color = {}, .space = space};
+        return {.replace = true,
+                .title = {},
+                .color = {},
+                .space = space,
+                .colors = vertex_colors,
+                .up = up};
     }
     template <class Stop>
     [[nodiscard]] Stop stop_test() const {
@@ -68,8 +78,14 @@ struct ExtractArguments {
 /// Adds the options for the error, the stop test, focus and camera, --box, --memory and --threads.
 void add_extract_options(CLI::App* command, ExtractArguments& a);
 
-/// Adds --space, the space of a mesh file.
-void add_space_option(CLI::App* command, ExtractArguments& a);
+/// Sets vertex_colors from color_map and color_range; without the latter, the colours are from low
+/// to high. Throws Error{invalid_argument} for an unknown map.
+void choose_colors(ExtractArguments& a, const std::string& attribute, double low, double high);
+/// The two values of --range, in ascending order.
+std::array<double, 2> parse_range(const std::string& text);
+
+/// Adds --space and --up, for the positions in a mesh file.
+void add_space_options(CLI::App* command, ExtractArguments& a);
 /// Adds "frame" (of the world) and "space" (of a mesh file with this name).
 void add_space_json(AnatomicalFrame frame, const ExtractArguments& a, const std::string& mesh,
                     Json& json);

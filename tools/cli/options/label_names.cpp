@@ -132,9 +132,11 @@ std::int64_t label_named(const Store& store, const std::string& name) {
                             count < listed.size() ? ", ..." : ""));
 }
 
-MeshFileOptions label_file_options(const Store& store, std::int64_t id, MeshSpace space) {
+MeshFileOptions label_file_options(const Store& store, std::int64_t id, MeshFileOptions options) {
     const LabelName label = store.label_name(id).value_or(LabelName{});
-    return {.replace = true, .title = label.name, .color = label.color, .space = space};
+    options.title = label.name;
+    options.color = label.color;
+    return options;
 }
 
 void add_label_name(const Store& store, std::int64_t id, Json& json) {

@@ -50,9 +50,8 @@ bool is_label_range(const std::string& text);
 /// Error{invalid_argument} if several labels have this name.
 std::int64_t label_named(const Store& store, const std::string& name);
 
-/// Options for the mesh file of a label, which stores its name and colour; an existing file is
-/// replaced.
-MeshFileOptions label_file_options(const Store& store, std::int64_t id, MeshSpace space);
+/// The options for a mesh file of a label, which stores its name and colour.
+MeshFileOptions label_file_options(const Store& store, std::int64_t id, MeshFileOptions options);
 
 /// Adds "name" and "color" if they are known.
 void add_label_name(const Store& store, std::int64_t id, Json& json);

@@ -338,7 +338,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
         extract_labels(
             store, chosen, query,
             [&](const Label& label) {
-                MeshFileOptions file = label_file_options(store, label.id, a.space);
+                MeshFileOptions file = label_file_options(store, label.id, a.file_options());
                 file.shift = shift_of(store, over);
                 return open_mesh_file(folder / mesh_name(label.id, labels.format), file);
             },

@@ -128,6 +128,9 @@ constexpr OptionRow kOptions[] = {
     {"", "--vertex-values", kWritten, "STORE", "vertex values from a store of the same lattice", "vertex_values: Store"},
     {"", "--vertex-error", kWritten, "FIELD", "how far vertices may be off, by this field", "vertex_error: str"},
     {"", "--space", kWritten, "AXES", "patient axes: ras, lps, as-stored [ras where known]", "space: choice"},
+    {"", "--up", kWritten, "y|z", "the axis that points up in .glb and .obj [z]", "up: choice"},
+    {"extract", "--colors", kWritten, "NAME", "vertex colours in .glb and .ply: viridis, gray, ...", kDrawnElsewhere},
+    {"extract", "--range", kWritten, "LOW,HIGH", "values of the first and last colour [all]", kDrawnElsewhere},
     {"", "--format", kWritten, "NAME", "with --labels: ply, ... or neuroglancer[-multilod]", "(by the file name passed to Mesh.save)"},
     {"", "--over", kWritten, "zarr|precomputed", "the volume that Neuroglancer shows [zarr]", "(the argument shift of Mesh.save)"},
     {"", "--volume-interval", kWritten, "", "with --close: bounds on the full solid's volume", "volume_interval: bool"},
@@ -151,6 +154,7 @@ constexpr OptionRow kOptions[] = {
     // Pictures.
     {"", "--size", kPicture, "WxH", "pixels [{}]", kDrawnElsewhere},
     {"", "--colors", kPicture, "NAME", "viridis, gray, hot, coolwarm, ...; NAME_r: reversed", kDrawnElsewhere},
+    {"slice", "--colors", kPicture, "NAME", "also of .glb, .ply: viridis, gray, hot, ...; NAME_r", kDrawnElsewhere},
     {"", "--plain", kPicture, "", "without axes, scale bar and colour bar", kDrawnElsewhere},
     {"", "--range", kPicture, "LOW,HIGH", "values of the first and last colour [all]", kDrawnElsewhere},
     {"slice", "--grid", kPicture, "", "draw the edges of the triangles", kDrawnElsewhere},

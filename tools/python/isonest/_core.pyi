@@ -364,7 +364,7 @@ def extract_interfaces(store: Store, labels: Optional[Sequence[int]], query: Sur
 def save_mesh(path: _Path, layout: MeshLayout, positions: np.ndarray, elements: np.ndarray, flip: bool,
               normals: Optional[np.ndarray], values: Optional[np.ndarray], errors: Optional[np.ndarray],
               labels: Optional[np.ndarray], space: Optional[str], shift: Tuple[float, float, float],
-              progress: _Report) -> None: ...
+              up: str, progress: _Report) -> None: ...
 
 class StoredArray:
     """An array of a store."""

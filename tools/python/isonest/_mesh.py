@@ -12,6 +12,7 @@ from ._frame import Frame
 
 _reports.register()
 Space = Literal["ras", "lps", "as-stored"]
+Up = Literal["y", "z"]
 
 
 class Mesh:
@@ -142,7 +143,7 @@ class Mesh:
         return self._other("array")
 
     def save(self, path: "os.PathLike[str] | str", *, space: Optional[Space] = None,
-             shift: "tuple[float, float, float]" = (0, 0, 0), progress: Progress = None) -> None:
+             shift: "tuple[float, float, float]" = (0, 0, 0), up: Up = "z", progress: Progress = None) -> None:
         """Writes the mesh to a file, in world coordinates.
 
         The file name extension chooses the format: .ply, .stl, .obj, .vtp, .vtkhdf, .glb, .3mf or .ngmesh; for lines
@@ -153,11 +154,12 @@ class Mesh:
             volume's axes are known (:attr:`Store.frame`), otherwise as stored.
         shift: (x, y, z), added to all vertices; only for ``.ngmesh``. Use half the spacing if Neuroglancer shows the
             mesh over a precomputed volume, whose coordinates start at the corner of the first voxel.
+        up: the axis that points up in the file, "z", or "y" as viewers of ``.glb`` and ``.obj`` expect; only for those.
         progress: a function ``(phase, done, total, unit)``, or True for bars of tqdm.
         """
         with reporting(progress) as report:
             _core.save_mesh(os.fspath(path), self._layout, self._positions, self._elements.view(np.uint32), self._flip,
-                            self._normals, self._values, self._errors, self._labels, space, shift, report)
+                            self._normals, self._values, self._errors, self._labels, space, shift, up, report)
 
     def _attributes(self) -> dict[str, np.ndarray]:
         named = {"normal": self._normals, "value": self._values, "error": self._errors}

@@ -465,8 +465,11 @@ void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, cons
                const CornerNumbers& elements, bool flip, const std::optional<Floats>& normals,
                const std::optional<Doubles>& values, const std::optional<Floats>& errors,
                const std::optional<LabelNumbers>& labels, const std::optional<std::string>& space,
-               const Double3& shift, const py::object& progress) {
+               const Double3& shift, const std::string& up, const py::object& progress) {
     const MeshSpace written = space_of(space);
+    if (up != "y" && up != "z") {
+        throw py::value_error("up='" + up + "': give 'y' or 'z'");
+    }
     ArrayMesh mesh;
     mesh.vertices = static_cast<std::size_t>(positions.size()) / 3;
     mesh.positions = positions.data();
@@ -484,11 +487,13 @@ void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, cons
         mesh.sides = reinterpret_cast<const std::array<std::int64_t, 2>*>(labels->data());
     }
     run_watched(progress, [&](Progress& p) {
-        const std::unique_ptr<MeshSink> sink = open_mesh_file(path, {.replace = true,
-                                                                     .title = origin.label.name,
-                                                                     .color = origin.label.color,
-                                                                     .space = written,
-                                                                     .shift = shift});
+        const std::unique_ptr<MeshSink> sink =
+            open_mesh_file(path, {.replace = true,
+                                  .title = origin.label.name,
+                                  .color = origin.label.color,
+                                  .space = written,
+                                  .up = up == "y" ? UpAxis::y : UpAxis::z,
+                                  .shift = shift});
         write_mesh(mesh, origin, path, *sink, p);
     });
 }
@@ -563,7 +568,8 @@ void add_meshes(py::module_& module) {
     module.def("extract_interfaces", &extract_interface_mesh, "store"_a, "labels"_a, "query"_a,
                "options"_a, "progress"_a);
     module.def("save_mesh", &save_mesh, "path"_a, "layout"_a, "positions"_a, "elements"_a, "flip"_a,
-               "normals"_a, "values"_a, "errors"_a, "labels"_a, "space"_a, "shift"_a, "progress"_a);
+               "normals"_a, "values"_a, "errors"_a, "labels"_a, "space"_a, "shift"_a, "up"_a,
+               "progress"_a);
 }
 
 }  // namespace isonest::python
