@@ -42,6 +42,7 @@ names = [f if isinstance(f, str) else f["name"] for f in fields]
 needs.require(None if {"normal_turn_plus", "grad_linf_plus"} & set(names) else
               f"{args.store} has neither of the fields: isonest preprocess --indicators "
               "linf_bar,linf_plus,deviation_bar,normal_turn_plus,grad_linf_plus makes them")
+print("| cull by | visited | triangles | bytes read | time |\n|---|---|---|---|---|")
 with tempfile.TemporaryDirectory(prefix="isonest-bench-") as folder:
     for field in ("normal_turn_plus", "grad_linf_plus"):
         if field not in names:
@@ -54,6 +55,5 @@ with tempfile.TemporaryDirectory(prefix="isonest-bench-") as folder:
             cut = extract(folder, "--view", ",".join(map(str, view)), "--cull-by", field)
             for key in keys:
                 left[key].append(cut[key] / whole[key])
-        print(f"{field}, {args.views} views: " + "; ".join(
-            f"{key} {statistics.mean(v):.3f} ({min(v):.3f} to {max(v):.3f})"
-            for key, v in left.items()))
+        print(f"| {field} | " + " | ".join(f"{statistics.mean(v):.3f} ({min(v):.3f} to {max(v):.3f})"
+                                           for v in left.values()) + " |", flush=True)

@@ -242,6 +242,7 @@ def verify(bench, distances):
             for name, path, iso, options in odd_volumes.write_all(bench.folder):
                 yield (name, *bench.store(name, path, options), (iso,))
 
+    print("| volume, isovalue | D | full surface | within D | largest distance, at most | |\n|---|---|---|---|---|---|")
     for name, store, voxel, box, isos in cases():
         # A vertex is rounded to float32.
         slack = 4 * max(abs(number) for number in box) * 2.0**-24
@@ -259,7 +260,7 @@ def verify(bench, distances):
                     if empty[0] != empty[1]:
                         problem = "one of the meshes is empty"
                     elif not empty[0]:
-                        text = f"max {found['max'] / voxel:8.5f} (at most {found['max_at_most'] / voxel:8.5f})"
+                        text = f"{found['max'] / voxel:.5f}, {found['max_at_most'] / voxel:.5f}"
                         if found["max"] > d * voxel + slack:
                             side = max(("a_to_b", "b_to_a"), key=lambda s: found[s]["max"])
                             problem = f"{'from' if side == 'a_to_b' else 'to'} the full surface at {found[side]['at']}"
@@ -269,9 +270,8 @@ def verify(bench, distances):
                 except RuntimeError as error:
                     problem = str(error)
                 broken += problem != ""
-                print(f"{name:22s} iso {iso:8g}  D {d:5g}  triangles {before['triangles']:9d} -> "
-                      f"{triangles:9d}  {text}  "
-                      f"{'BROKEN ' + problem if problem else 'ok'}", flush=True)
+                print(f"| {name} {iso:g} | {d:g} | {before['triangles']:,} | {triangles:,} | {text} | "
+                      f"{'BROKEN ' + problem if problem else 'ok'} |", flush=True)
     return 1 if broken else 0
 
 

@@ -66,6 +66,8 @@ def within(heap, budget, what):
     return f"{heap / (1 << 20):.0f} MiB of heap"
 
 
+print("| volume, `--memory` | `preprocess` | store | full surface, tetrahedra | within 5 % of the range, store not in memory | "
+      "`check --quick` |\n|---|---|---|---|---|---|")
 for kind, size, memory in volumes:
     budget = int(memory[:-1]) * UNITS[memory[-1]]
     volume, store, mesh = (folder / f"bucky-{kind}-{size}.h5", folder / "large.isonest",
@@ -77,14 +79,13 @@ for kind, size, memory in volumes:
     store.unlink(missing_ok=True)
     seconds, heap, _ = run("preprocess", volume, "-o", store, "--memory", memory)
     bytes_in = os.path.getsize(volume)
-    print(f"{kind} {size}^3, {bytes_in / 1e9:.2f} GB, {bytes_in / budget:.1f} x --memory {memory}:")
-    print(f"  preprocess {seconds:.1f} s ({bytes_in / 1e6 / seconds:.0f} MB/s), "
-          f"{within(heap, budget, 'preprocess')}, store of {os.path.getsize(store) / 1e9:.2f} GB",
-          flush=True)
+    cells = [f"{kind} {size}^3, {bytes_in / 1e9:.2f} GB, {memory}",
+             f"{seconds:.1f} s ({bytes_in / 1e6 / seconds:.0f} MB/s), {within(heap, budget, 'preprocess')}",
+             f"{os.path.getsize(store) / 1e9:.2f} GB"]
     mesh.unlink(missing_ok=True)
     seconds, heap, report = run("extract", store, "--iso", iso, "--cells", "tet", "-o", mesh, "--memory", memory)
-    print(f"  full surface {seconds:.1f} s, {within(heap, budget, 'extract')}, "
-          f"{report['triangles']:,} triangles, {os.path.getsize(mesh) / 1e9:.2f} GB", flush=True)
+    cells.append(f"{seconds:.1f} s, {within(heap, budget, 'extract')}, {report['triangles']:,} triangles, "
+                 f"{os.path.getsize(mesh) / 1e9:.2f} GB")
     cold, heaps = [], []
     for _ in range(3):
         mesh.unlink(missing_ok=True)
@@ -92,11 +93,10 @@ for kind, size, memory in volumes:
         seconds, heap, report = run("extract", store, "--iso", iso, "--error-relative", "0.05", "--effort", "none", "-o", mesh)
         cold.append(seconds)
         heaps.append(heap)
-    print(f"  at 5 % of the range, store not in memory: {min(cold):.2f} to {max(cold):.2f} s, "
-          f"{within(max(heaps), budget, 'extract')}, {report['triangles']:,} triangles, "
-          f"{report['chunks_read']} of {report['chunks_total']:,} chunks")
+    cells.append(f"{min(cold):.2f} to {max(cold):.2f} s, {within(max(heaps), budget, 'extract')}, "
+                 f"{report['triangles']:,} triangles, {report['chunks_read']} of {report['chunks_total']:,} chunks")
     start = time.perf_counter()
     subprocess.run([isonest, "check", store, "--quick", "-q"], check=True)
-    print(f"  check --quick {time.perf_counter() - start:.1f} s", flush=True)
+    print("| " + " | ".join(cells) + f" | {time.perf_counter() - start:.1f} s |", flush=True)
     store.unlink()
     mesh.unlink()

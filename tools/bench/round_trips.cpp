@@ -25,9 +25,11 @@ class Queries {
   public:
     Queries(const StoreReader& store, double iso, std::uint64_t memory)
         : store_(store), iso_(iso), memory_(memory) {
-        fmt::print("{} levels\n{:>22} {:>6} {:>6} {:>6} {:>8} {:>11} {:>8} {:>11} {:>6}\n",
-                   store.layout().lattice().top() + 1, "", "trips", "waves", "alone", "read",
-                   "bytes", "fetched", "bytes", "ratio");
+        fmt::print(
+            "| {} levels | round trips | waves | not prefetched | chunks read | bytes read | "
+            "chunks fetched | bytes fetched | fetched / read |\n"
+            "|---|---|---|---|---|---|---|---|---|\n",
+            store.layout().lattice().top() + 1);
     }
 
     /// `error`: relative to the range of the values.
@@ -52,8 +54,8 @@ class Queries {
         traverse(
             cache, query, 65536, [](std::uint64_t, const MeshPart&) {}, quiet);
         const RemoteCounts c = source.counts();
-        fmt::print("{:>22} {:>6} {:>6} {:>6} {:>8} {:>11} {:>8} {:>11} {:>6.2f}\n", name,
-                   c.round_trips, c.prefetches, c.not_prefetched, c.decoded_chunks, c.decoded_bytes,
+        fmt::print("| {} | {} | {} | {} | {} | {} | {} | {} | {:.2f} |\n", name, c.round_trips,
+                   c.prefetches, c.not_prefetched, c.decoded_chunks, c.decoded_bytes,
                    c.fetched_chunks, c.fetched_bytes,
                    static_cast<double>(c.fetched_bytes) /
                        static_cast<double>(std::max<std::uint64_t>(c.decoded_bytes, 1)));

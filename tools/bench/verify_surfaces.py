@@ -1,20 +1,23 @@
 #!/usr/bin/python3
-"""Verifies the error bound on your own volume: runs preprocess and extract, and checks every triangle.
+"""Verifies the error bound on your own volumes: runs preprocess and extract, and checks every triangle.
 
-usage: verify_surfaces.py ISONEST PLUGIN_FOLDER INPUT [PREPROCESS_OPTION...]
+usage: verify_surfaces.py ISONEST PLUGIN_FOLDER INPUT...
 
+INPUT is a volume file with the options of preprocess that it needs: "a.raw --dims 9,9,9 --type uint8".
 Three isovalues (the quantiles 0.5, 0.9 and 0.99 of the distinct values), five tolerances (0, 0.5, 2, 5
 and 10 % of the range). For each surface: edges with one triangle that do not lie on the volume's
 boundary (so an edge with two vertices shows as a crack), edges with more than two triangles or two of
 the same orientation, unused vertices, flat triangles, and the largest |U - iso| over the vertices and
 three random points of each triangle, where U is the finest piecewise linear function, from the values
-as h5py reads them. Prints a line per surface, with the visited tetrahedra per leaf and, if isonest_chunk_bytes is in
-the folder of ISONEST, the bytes read per byte of the chunks that contain leaves or their refinement nodes; exit code 1
-if a check fails. Needs memory for the volume and the meshes.
+as h5py reads them. Prints a row of a table per volume: the number of surfaces, the largest residual as a fraction of the
+tolerance, the visited tetrahedra per leaf, and the bytes read per byte of the chunks that contain leaves or their
+refinement nodes, each at full resolution and with a tolerance. Faults are listed; exit code 1 if there are any. Needs
+memory for the volume and the meshes, and isonest_chunk_bytes in the folder of ISONEST.
 """
 import json
 import os
 import pathlib
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -100,57 +103,77 @@ def faults(v, t, high):
 
 
 def read_ratio(program, store, iso, tolerance):
-    if not program.exists():
-        return ""
     done = subprocess.run([program, store, repr(iso), str(tolerance)], check=True, capture_output=True,
                           text=True)
-    return f"read {float(done.stdout.splitlines()[-2].split()[-2]):5.2f} x  "
+    return float(done.stdout.splitlines()[-2].split()[-2])
+
+
+def spread(numbers):
+    return f"{min(numbers):.2f} to {max(numbers):.2f}" if numbers else "-"
+
+
+def verify(isonest, volume, options, folder):
+    """(surfaces, residuals as fractions of the tolerance, visited per leaf and read per byte by whether there is a
+    tolerance, faults)"""
+    import h5py
+    chunk_bytes = pathlib.Path(isonest).with_name("isonest_chunk_bytes")
+    store, mesh = pathlib.Path(folder, "s.isonest"), pathlib.Path(folder, "m.ply")
+    subprocess.run([isonest, "preprocess", volume, "-o", store, "-q", "--force", *options], check=True)
+    with h5py.File(store) as file:
+        u = file["levels/0/values"][...]
+        spacing = np.array(file.attrs["spacing"])
+        origin = np.array(file.attrs["origin"])
+        low, high = file.attrs["range"]
+    extent = (np.array(u.shape[::-1]) - 1) * spacing
+    isovalues = np.quantile(np.unique(u[np.isfinite(u)]), QUANTILES)
+    # Rounding a vertex to float32: half a unit in the last place of the coordinates, times
+    # the steepest step between neighbours.
+    steep = max(np.abs(np.diff(u.astype(float), axis=a)).max() for a in range(3))
+    slack = 4 * steep * (np.abs(origin / spacing) + u.shape[::-1]).max() * 2.0**-24 * 3
+    surfaces, residuals, visited, read, broken = 0, [], ([], []), ([], []), []
+    for iso in isovalues:
+        if u.dtype.kind in "iu":
+            iso = float(round(iso))  # the difficult case: equal to values of nodes
+        for tolerance in TOLERANCES:
+            done = subprocess.run([isonest, "extract", store, "--iso", repr(float(iso)), "--force",
+                                   "--error-relative", str(tolerance), "--cells", "tet", "--effort", "none",
+                                   "-o", mesh, "--json"], check=True, capture_output=True)
+            report = json.loads(done.stdout)
+            v, t = read_ply(mesh)
+            v -= origin
+            worst = residual(u, spacing, v, t, iso) if len(t) else 0.0
+            found = faults(v, t, extent)
+            epsilon = tolerance * (high - low)
+            surfaces += 1
+            if found or worst > epsilon + slack or report["error_bound"] > epsilon or report["triangles"] != len(t):
+                broken.append(f"iso {iso:g}, tolerance {epsilon:g}: residual {worst:g}, "
+                              f"bound {report['error_bound']:g}, {found}")
+            if len(t):
+                if tolerance:
+                    residuals.append(worst / epsilon)
+                visited[tolerance > 0].append(report["visited_tetrahedra"] / report["leaf_tetrahedra"])
+                read[tolerance > 0].append(read_ratio(chunk_bytes, store, float(iso), tolerance))
+    return surfaces, residuals, visited, read, broken
 
 
 def main():
-    isonest, plugin, volume, *options = needs.arguments(3, __doc__)
+    isonest, plugin, *inputs = needs.arguments(3, __doc__)
     os.environ["HDF5_PLUGIN_PATH"] = plugin
-    needs.require(needs.program(isonest), needs.file(volume, "a volume that isonest reads"))
+    volumes = [shlex.split(volume) for volume in inputs]
+    needs.require(needs.program(isonest), *(needs.file(volume[0], "a volume that isonest reads") for volume in volumes),
+                  needs.program(pathlib.Path(isonest).with_name("isonest_chunk_bytes"), "isonest_chunk_bytes"))
     needs.require(needs.zstd_filter())
-    chunk_bytes = pathlib.Path(isonest).with_name("isonest_chunk_bytes")
-    import h5py
-    broken = 0
+    broken = False
+    print("| volume | surfaces | faults | residual / tolerance | visited per leaf, full resolution; with a tolerance | "
+          "read per byte needed, full resolution; with a tolerance |\n|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
-        store, mesh = pathlib.Path(folder, "s.isonest"), pathlib.Path(folder, "m.ply")
-        subprocess.run([isonest, "preprocess", volume, "-o", store, "-q", *options], check=True)
-        with h5py.File(store) as file:
-            u = file["levels/0/values"][...]
-            spacing = np.array(file.attrs["spacing"])
-            origin = np.array(file.attrs["origin"])
-            low, high = file.attrs["range"]
-        extent = (np.array(u.shape[::-1]) - 1) * spacing
-        isovalues = np.quantile(np.unique(u[np.isfinite(u)]), QUANTILES)
-        # Rounding a vertex to float32: half a unit in the last place of the coordinates, times
-        # the steepest step between neighbours.
-        steep = max(np.abs(np.diff(u.astype(float), axis=a)).max() for a in range(3))
-        slack = 4 * steep * (np.abs(origin / spacing) + u.shape[::-1]).max() * 2.0**-24 * 3
-        for iso in isovalues:
-            if u.dtype.kind in "iu":
-                iso = float(round(iso))  # the difficult case: equal to values of nodes
-            for tolerance in TOLERANCES:
-                done = subprocess.run([isonest, "extract", store, "--iso", repr(float(iso)),
-                                       "--error-relative", str(tolerance), "--cells", "tet", "--effort", "none",
-                                       "-o", mesh, "--json"], check=True, capture_output=True)
-                report = json.loads(done.stdout)
-                v, t = read_ply(mesh)
-                v -= origin
-                worst = residual(u, spacing, v, t, iso) if len(t) else 0.0
-                found = faults(v, t, extent)
-                epsilon = tolerance * (high - low)
-                ok = not found and worst <= epsilon + slack and \
-                    report["error_bound"] <= epsilon and report["triangles"] == len(t)
-                broken += not ok
-                print(f"iso {iso:10.5g}  eps {epsilon:10.5g}  residual {worst:10.5g}  bound "
-                      f"{report['error_bound']:10.5g}  triangles {len(t):9d}  visited "
-                      f"{report['visited_tetrahedra'] / max(1, report['leaf_tetrahedra']):5.2f} x "
-                      f"leaves  "
-                      f"{read_ratio(chunk_bytes, store, float(iso), tolerance) if len(t) else ''}"
-                      f"{'ok' if ok else 'BROKEN ' + str(found)}", flush=True)
+        for path, *options in volumes:
+            surfaces, residuals, visited, read, wrong = verify(isonest, path, options, folder)
+            print(f"| {pathlib.Path(path).name.split('.')[0]} | {surfaces} | {len(wrong)} | {spread(residuals)} | "
+                  f"{spread(visited[0])}; {spread(visited[1])} | {spread(read[0])}; {spread(read[1])} |", flush=True)
+            for fault in wrong:
+                print(f"{path}: {fault}", file=sys.stderr)
+            broken |= bool(wrong)
     return 1 if broken else 0
 
 

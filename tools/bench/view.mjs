@@ -1,12 +1,13 @@
 // How fast `isonest view` is in a real Chromium, and what it uses.
 // usage: node tools/bench/view.mjs ISONEST STORE [STORE...] [--moves N] [--memory SIZE]
 //
-// Prints one line of JSON per store: seconds until the server answers, and from the page's start to the first picture
+// Prints a table with a column per store: seconds until the server answers, and from the page's start to the first picture
 // with a surface; for N moves of the isovalue slider, each after the picture of the last one, milliseconds to the mesh
 // and to the picture (median, 95 %); bytes and triangles of a mesh (at most 100,000 triangles; without further
 // refinement); the largest heap that the server reported, its peak resident set, and the page's heap. Chromium renders
 // in software here, on the same cores as the server, so a picture takes longer than with a graphics card.
 import { readFile, stat } from "node:fs/promises";
+import { basename } from "node:path";
 import { idle, lacks, openPage, run, startBrowser, startServer } from "../view/web/drive.mjs";
 
 const words = process.argv.slice(2);
@@ -91,4 +92,9 @@ async function measure(store) {
   }
 }
 
-for (const store of stores) console.log(JSON.stringify(await measure(store)));
+const columns = [];
+for (const store of stores) columns.push(await measure(store));
+const shown = (value) => (typeof value === "object" && "p95" in value ? `${value.median} (${value.p95})` : String(value));
+console.log(`| store | ${columns.map(({ store }) => basename(store)).join(" | ")} |\n|---${"|---".repeat(columns.length)}|`);
+for (const key of Object.keys(columns[0]).filter((key) => key !== "store"))
+  console.log(`| ${key} | ${columns.map((column) => shown(column[key])).join(" | ")} |`);
