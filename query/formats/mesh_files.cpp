@@ -500,10 +500,12 @@ void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem
         throw Error(ErrorKind::invalid_argument, {path_.string()},
                     "vertices with colours are written as .glb or .ply");
     }
-    if (options_.colors && layout.find(options_.colors->attribute) == nullptr) {
-        throw Error(
-            ErrorKind::invalid_argument, {path_.string()},
-            fmt::format("the mesh has no {} to choose colours by", options_.colors->attribute));
+    const VertexAttribute* const colored =
+        options_.colors ? layout.find(options_.colors->attribute) : nullptr;
+    if (options_.colors && (colored == nullptr || colored->components != 1)) {
+        throw Error(ErrorKind::invalid_argument, {path_.string()},
+                    fmt::format("the mesh has no number {} at its vertices to choose colours by",
+                                options_.colors->attribute));
     }
     if (options_.colors && !(options_.colors->low < options_.colors->high)) {
         throw Error(ErrorKind::invalid_argument, {path_.string()},

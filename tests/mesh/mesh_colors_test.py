@@ -129,6 +129,17 @@ class ColorsTest(unittest.TestCase):
         nearest = np.argmin(arrays["value"])  # below the range: the last colour of viridis
         self.assertEqual(list(arrays["RGB"][nearest]), [253, 231, 37])
 
+    def test_a_window_of_ct_is_a_range(self):
+        for window, low, high in (("bone", -500, 1300), ("lung", -1350, 150), ("soft", -150, 250), ("brain", 0, 80)):
+            made = []
+            for given in (window, f"{low},{high}"):
+                path = self.folder / f"{len(made)}.ply"
+                self.run_program("slice", self.ball, "--plane", "0,0,1,8", "--colors", "hot", f"--range={given}", "-o", path)
+                made.append(path.read_bytes())
+            self.assertEqual(made[0], made[1], window)
+        self.assertIn("LOW,HIGH", self.run_program("slice", self.ball, "--plane", "0,0,1,8", "--range", "bones", "-o",
+                                                   self.folder / "refused.png", code=2))
+
     def test_bytes_do_not_depend_on_threads_and_memory(self):
         seen = set()
         for options in ((), ("--threads", 1), ("--threads", 3, "--memory", "40M")):

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <string_view>
 
 #include <isonest/error.h>
 
@@ -244,7 +245,22 @@ void add_extract_options(CLI::App* c, ExtractArguments& a) {
 }
 
 std::array<double, 2> parse_range(const std::string& text) {
-    const std::vector<double> v = parse_numbers("--range", text, 2, "LOW,HIGH");
+    // Windows of CT scans, in Hounsfield units, by their usual centres and widths. Source:
+    // Radiopaedia, "Windowing (CT)", https://radiopaedia.org/articles/windowing-ct.
+    struct Window {
+        std::string_view name;
+        double centre;
+        double width;
+    };
+    constexpr std::array<Window, 4> kWindows{
+        {{"bone", 400, 1800}, {"lung", -600, 1500}, {"soft", 50, 400}, {"brain", 40, 80}}};
+    for (const Window& window : kWindows) {
+        if (text == window.name) {
+            return {window.centre - window.width / 2, window.centre + window.width / 2};
+        }
+    }
+    const std::vector<double> v =
+        parse_numbers("--range", text, 2, "bone, lung, soft, brain or LOW,HIGH");
     if (!(v[0] < v[1])) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("--range '{}': give the low value first", text));

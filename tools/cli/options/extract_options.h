@@ -81,7 +81,7 @@ void add_extract_options(CLI::App* command, ExtractArguments& a);
 /// Sets vertex_colors from color_map and color_range; without the latter, the colours are from low
 /// to high. Throws Error{invalid_argument} for an unknown map.
 void choose_colors(ExtractArguments& a, const std::string& attribute, double low, double high);
-/// The two values of --range, in ascending order.
+/// The two values of --range, in ascending order, also by the name of a window.
 std::array<double, 2> parse_range(const std::string& text);
 
 /// Adds --space and --up, for the positions in a mesh file.
