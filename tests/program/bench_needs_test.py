@@ -40,7 +40,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-needs-") as name:
     for script, arguments in with_modules.items():
         lacks("no modules", BENCH / script, *arguments, options=bare, says=["h5py", INSTALL])
     for script in sorted(BENCH.glob("*.py")):
-        if script.name not in ("needs.py", "culling.py", *with_modules):
+        if script.name not in ("needs.py", "tables.py", "culling.py", *with_modules):
             lacks("no arguments", script, says=["usage:"])
     lacks("no program", BENCH / "culling.py", file, "--iso", 1, "--isonest", none, says=["cmake --build"])
     lacks("no store", BENCH / "culling.py", none, "--iso", 1, "--isonest", isonest, says=["give a store"])

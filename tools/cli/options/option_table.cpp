@@ -154,7 +154,7 @@ constexpr OptionRow kOptions[] = {
     // Pictures.
     {"", "--size", kPicture, "WxH", "pixels [{}]", kDrawnElsewhere},
     {"", "--colors", kPicture, "NAME", "viridis, gray, hot, coolwarm, ...; NAME_r: reversed", kDrawnElsewhere},
-    {"slice", "--colors", kPicture, "NAME", "also of .glb, .ply: viridis, gray, hot, ...; NAME_r", kDrawnElsewhere},
+    {"slice", "--colors", kPicture, "NAME", "of pictures, .glb, .ply: viridis, gray, ...; NAME_r", kDrawnElsewhere},
     {"", "--plain", kPicture, "", "without axes, scale bar and colour bar", kDrawnElsewhere},
     {"", "--range", kPicture, "LOW,HIGH", "values of the first and last colour [all]", kDrawnElsewhere},
     {"slice", "--range", kPicture, "LOW,HIGH|WINDOW", "colours from LOW to HIGH [all]; bone, lung, soft, brain", kDrawnElsewhere},
