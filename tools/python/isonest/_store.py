@@ -447,6 +447,7 @@ class Store(Extracting):
 
 
 for _function in vars(Extracting).values():
-    if inspect.isfunction(_function):
-        # The name in messages, of a class that its users know.
+    while inspect.isfunction(_function):
+        # The name in messages, of a class that its users know, also below decorators.
         _function.__qualname__ = f"Store.{_function.__name__}"
+        _function = getattr(_function, "__wrapped__", None)
