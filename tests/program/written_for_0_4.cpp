@@ -30,12 +30,13 @@ int main() {
     const isonest::Field field = isonest::Field::normal_component_bar;
 
     const isonest::Guarantee guarantee = isonest::Guarantee::plus;
+    const isonest::TriangleBudget budget{600};
+    const isonest::ErrorBudget error_budget{300};
     isonest::MeshCollector few;
     isonest::MeshCollector fewer;
-    isonest::extract(isonest::Store("ball.isonest"),
-                     isonest::SurfaceQuery{.iso = 50, .stop = isonest::TriangleBudget{600}}, few);
-    isonest::extract(isonest::Store("ball.isonest"),
-                     isonest::SurfaceQuery{.iso = 50, .stop = isonest::ErrorBudget{300}}, fewer);
+    const isonest::Store store("ball.isonest");
+    isonest::extract(store, isonest::SurfaceQuery{.iso = 50, .stop = budget}, few);
+    isonest::extract(store, isonest::SurfaceQuery{.iso = 50, .stop = error_budget}, fewer);
     std::printf("%s %d %zu %zu\n", std::string(isonest::name_of(field)).c_str(),
                 guarantee == isonest::ErrorIndicator::plus, few.triangles.size(),
                 fewer.triangles.size());
