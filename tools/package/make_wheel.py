@@ -254,17 +254,19 @@ def bundle(tree):
 
 
 def patch(file, names, where, own_name=None):
-    """Sets what a file needs, where that is, and its own name. One call for each: patchelf 0.14 loses some of several."""
+    """Sets what a file needs, where that is, and its own name. One call for each: patchelf 0.14 mixes up the texts of
+    different options. All names of needed libraries in one: each call moves the tables to the end of the file, which grows."""
     file.chmod(0o755)
     needed = [name for name in needed_of(file) if name in names]
-    for name in needed:
-        output("patchelf", "--replace-needed", name, names[name], file)
+    if needed:
+        output("patchelf", *(word for name in needed for word in ("--replace-needed", name, names[name])), file)
     if own_name:
         output("patchelf", "--set-soname", own_name, file)
-    if needed:
-        output("patchelf", "--set-rpath", where, file)
-    else:
-        output("patchelf", "--remove-rpath", file)
+    output("patchelf", *(["--set-rpath", where] if needed else ["--remove-rpath"]), file)
+    dynamic = output("readelf", "-W", "-d", file)
+    expected = [names[name] for name in needed] + [own_name or ""] + ([where] if needed else [])
+    if any(name in names for name in needed_of(file)) or not all(f"[{text}]" in dynamic for text in expected if text):
+        raise WheelError(f"patchelf did not change {file} as it should")
 
 
 # Metadata
