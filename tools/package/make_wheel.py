@@ -20,6 +20,7 @@ import os
 import pathlib
 import re
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
@@ -194,21 +195,51 @@ def licence_of(text):
     return ", ".join(names) or "see its copyright file"
 
 
+def rename_undefined(file, symbols):
+    """Gives undefined symbols of a file the names that they have in a stand-in: {new name: symbol}.
+
+    They differ from the real ones, which the system's libcurl needs when the program loads it. Names are not copied: the
+    first letter becomes Z, or is left out where the name is also the end of a longer one.
+    """
+    data = bytearray(file.read_bytes())
+    sections = {name: (int(begin, 16), int(size, 16)) for name, begin, size in re.findall(
+        r"\] (\.dynstr|\.dynsym) +\S+ +\S+ (\S+) (\S+)", output("readelf", "-W", "-S", file))}
+    (names, _), (table, table_size) = sections[".dynstr"], sections[".dynsym"]
+    renamed = {}
+    for entry in range(table, table + table_size, 24):  # Elf64_Sym: name in 4 bytes, section in 2 behind another 2
+        place, _, section = struct.unpack_from("<IHH", data, entry)
+        name = bytes(data[names + place:data.index(0, names + place)]).decode()
+        if section == 0 and name in symbols:
+            if data[names + place - 1] == 0:
+                data[names + place] = ord("Z")
+                renamed["Z" + name[1:]] = name
+            else:
+                struct.pack_into("<I", data, entry, place + 1)
+                renamed[name[1:]] = name
+    file.write_bytes(data)
+    return renamed
+
+
 def stand_in(name, users, real, folder):
-    """Compiles the library that replaces `real` for the files `users`; its path."""
+    """Compiles the library that replaces `real` for the files `users`, and makes these call it; its path."""
     defined = symbols_of(real, True)
-    wanted = {symbol: defined[symbol] for user in users for symbol in symbols_of(user, False) if symbol in defined}
+    wanted = {}  # new name: (name, version, type, size)
+    for user in users:
+        absent = [symbol for symbol in symbols_of(user, False) if symbol in defined]
+        for new_name, symbol in rename_undefined(user, absent).items():
+            if wanted.setdefault(new_name, (symbol, *defined[symbol]))[0] != symbol:
+                raise WheelError(f"{name}: two symbols have the name {new_name} in the stand-in")
     source, script, made = folder / "absent.c", folder / "absent.map", folder / name
     # Data are zeros: only the absent functions read them (cairo passes descriptions of X11's extensions to these).
-    code = [f"char {symbol}[{size}];\n" if kind == "OBJECT" else f'void {symbol}(void) {{ end("{symbol}"); }}\n'
-            for symbol, (_, kind, size) in sorted(wanted.items())]
+    code = [f"char {new_name}[{size}];\n" if kind == "OBJECT" else f'void {new_name}(void) {{ end("{symbol}"); }}\n'
+            for new_name, (symbol, _, kind, size) in sorted(wanted.items())]
     source.write_text(
         "#include <stdio.h>\n#include <stdlib.h>\n"
         "static void end(const char* function) {\n"
         f'    fprintf(stderr, "isonest: %s: the wheel has no {name}\\n", function);\n    abort();\n}}\n' + "".join(code))
-    versions = sorted({version for version, *_ in wanted.values() if version})
+    versions = sorted({of[1] for of in wanted.values() if of[1]})
     script.write_text("".join(
-        f"{version} {{ global: {' '.join(f'{symbol};' for symbol in sorted(wanted) if wanted[symbol][0] == version)} }};\n"
+        f"{version} {{ global: {' '.join(f'{new_name};' for new_name in sorted(wanted) if wanted[new_name][1] == version)} }};\n"
         for version in versions) or "{ global: *; };\n")
     output("gcc", "-shared", "-fPIC", "-O1", "-fno-builtin", "-w", "-s", "-Wl,--build-id=none", "-Wl,-z,now",
            "-Wl,-z,noseparate-code", f"-Wl,-soname,{name}", f"-Wl,--version-script={script}", source, "-o", made)
@@ -219,21 +250,18 @@ def bundle(tree):
     """Copies the libraries into tree/isonest.libs and makes the files of the tree need these. The libraries, in order."""
     libraries, replaced, users, names = {}, {}, {}, {}
     files = sorted(path for path in tree.rglob("*") if path.is_file() and is_elf(path))
-    to_do = []
-    for file in files:
-        found = where_found(file)
-        to_do.append((file, found))
+    to_do = [(file, None, where_found(file)) for file in files]
     while to_do:
-        file, found = to_do.pop()
+        file, file_name, found = to_do.pop()
         for name in needed_of(file):
             if SYSTEM.fullmatch(name):
                 continue
             if name in STAND_INS:
                 replaced[name] = found[name]
-                users.setdefault(name, []).append(file)
+                users.setdefault(name, []).append((file, file_name))
             elif name not in libraries:
                 libraries[name] = Library(name, found[name])
-                to_do.append((libraries[name].path, found))
+                to_do.append((libraries[name].path, libraries[name].new_name, found))
     folder = tree / "isonest.libs"
     folder.mkdir()
     for name, library in libraries.items():
@@ -241,7 +269,8 @@ def bundle(tree):
         shutil.copyfile(library.path, folder / library.new_name)
     with tempfile.TemporaryDirectory() as temporary:
         for name, real in replaced.items():
-            made = stand_in(name, sorted(users[name]), real, pathlib.Path(temporary))
+            copies = sorted(folder / file_name if file_name else file for file, file_name in users[name])
+            made = stand_in(name, copies, real, pathlib.Path(temporary))
             digest = hashlib.sha256(made.read_bytes()).hexdigest()[:8]
             stem, _, rest = name.partition(".so")
             names[name] = f"{stem}-absent-{digest}.so{rest}"
