@@ -4,6 +4,7 @@ and program works without the libraries that it copies, says what it lacks, and 
 usage: wheel_test.py ISONEST PLUGIN_FOLDER   (arguments are not used)
 """
 import base64
+import ctypes
 import email
 import hashlib
 import os
@@ -245,6 +246,15 @@ class SmallWheel(unittest.TestCase):
         symbols = make_wheel.symbols_of(made / "libdata.so", True)
         self.assertEqual({name: of[2] for name, of in symbols.items()}, {"Zata": 16})
         self.assertIn("Zata", make_wheel.symbols_of(self.folder / "libuse.so", False))
+
+    def test_an_absent_function_can_answer(self):
+        self.compile("int jbg_dec_in(void) { return 0; }", self.folder / "libjbig.so", "-shared", "-fPIC", "-Wl,-soname,libjbig.so")
+        self.compile("int jbg_dec_in(void); int use(void) { return jbg_dec_in(); }", self.folder / "libuse2.so", "-shared", "-fPIC",
+                     f"-L{self.folder}", "-ljbig")
+        made = self.folder / "answers"
+        made.mkdir()
+        library = make_wheel.stand_in("libjbig.so", [self.folder / "libuse2.so"], self.folder / "libjbig.so", made)
+        self.assertEqual(ctypes.CDLL(str(library)).Zbg_dec_in(), 1)
 
     def test_a_library_without_a_package_is_refused(self):
         self.compile("int own(void) { return 1; }", self.folder / "libown.so", "-shared", "-fPIC", "-Wl,-soname,libown.so")

@@ -40,8 +40,8 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 # what manylinux's rules take for granted (and more that bare systems lack, so it is copied: libz, libexpat, X11).
 SYSTEM = re.compile(r"(ld-linux.*|libc|libm|libmvec|libdl|libpthread|librt|libutil|libresolv|libanl|libstdc\+\+|libgcc_s)\.so(\.\d+)*")
 
-# Replaced by libraries of functions that end the process with a message: what calls them is never reached. Together they
-# would be most of the wheel, and a TLS library in a wheel gets no security updates. URLs are read with the system's
+# Replaced by libraries of functions that end the process with a message: what calls them is never reached (JBIG apart).
+# Together they would add 7.6 MB to the wheel, and a TLS library in a wheel gets no security updates. URLs are read with the system's
 # libcurl, which is loaded when one is opened.
 STAND_INS = {
     "libcurl.so.4": "HDF5's driver for S3, which isonest does not use",
@@ -52,7 +52,11 @@ STAND_INS = {
     "libxcb.so.1": "cairo's windows, which isonest does not open",
     "libxcb-render.so.0": "cairo's windows, which isonest does not open",
     "libxcb-shm.so.0": "cairo's windows, which isonest does not open",
+    "libjbig.so.0": "TIFF in JBIG, which is left out because this library's licence, the GPL, would become the wheel's",
 }
+# Functions of these that are reached: what they return instead of ending the process. libtiff reports that jbg_dec_in fails.
+ANSWERS = {"jbg_dec_init": "0", "jbg_newlen": "0", "jbg_dec_in": "1", "jbg_dec_free": "0",
+           "jbg_strerror": '(long)"this wheel of isonest has no JBIG"'}
 
 # The versions of symbols that come with at least the C library 2.N, as in manylinux's rules (auditwheel 6,
 # manylinux-policy.json, x86_64): those of libstdc++ and libgcc that the distributions with that C library have.
@@ -231,7 +235,9 @@ def stand_in(name, users, real, folder):
                 raise WheelError(f"{name}: two symbols have the name {new_name} in the stand-in")
     source, script, made = folder / "absent.c", folder / "absent.map", folder / name
     # Data are zeros: only the absent functions read them (cairo passes descriptions of X11's extensions to these).
-    code = [f"char {new_name}[{size}];\n" if kind == "OBJECT" else f'void {new_name}(void) {{ end("{symbol}"); }}\n'
+    code = [f"char {new_name}[{size}];\n" if kind == "OBJECT"
+            else f"long {new_name}(void) {{ return {ANSWERS[symbol]}; }}\n" if symbol in ANSWERS
+            else f'void {new_name}(void) {{ end("{symbol}"); }}\n'
             for new_name, (symbol, _, kind, size) in sorted(wanted.items())]
     source.write_text(
         "#include <stdio.h>\n#include <stdlib.h>\n"
