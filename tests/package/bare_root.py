@@ -215,7 +215,8 @@ class Wheel(BareRoot):
         print(f"ParaView was installed in {time.monotonic() - begin:.0f} s")
         folder = "/" + str(self.package.relative_to(self.root).parent)
         said = self.at("env", f"PYTHONPATH={folder}:{folder}/isonest/paraview/debian12", "pvpython",
-                       "--force-offscreen-rendering", self.put("paraview.py", PARAVIEW), f"{folder}/isonest/paraview/isonest_paraview.py")
+                       "--force-offscreen-rendering", self.put("plugin.py", PARAVIEW),
+                       f"{folder}/isonest/paraview/isonest_paraview.py")
         expected = self.at("/venv/bin/python", "-c", "import isonest\nstore = isonest.open('/tmp/v.isonest')\n"
                            "print(len(store.isosurface(0.1, distance='0.5voxel').faces))")
         self.assertIn(f"triangles {int(expected)}\n", said)
