@@ -58,7 +58,8 @@ STORAGE_HEADERS = re.compile(r"(hdf5|hdf5_hl|H5\w+|zstd\w*)\.h")
 STORAGE_ALLOWED = ("store/", "tests/", "tools/bench/", "preprocess/sources/hdf5/",
                    "preprocess/sources/zarr/zarr_codec")
 TOP_LEVEL = {*MAY_INCLUDE, "CMakeLists.txt", "README.md", "CONTRIBUTING.md", "CHANGES.md", "LICENSE",
-             "CMakePresets.json", "pyproject.toml"}
+             "CMakePresets.json", "pyproject.toml",
+             "PKG-INFO"}  # in the source archive (tools/package/backend.py)
 MOST_FILES = 32  # per folder; more files are divided into rooms
 DATA_FOLDERS = ("tests/fuzz/corpus/", "tests/store/golden/", "tools/pictures/figures/")
 FETCHED = {"node_modules", "dist", "__pycache__"}

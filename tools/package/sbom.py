@@ -48,25 +48,40 @@ def debian():
         return "bookworm"
 
 
+def own_version():
+    """isonest's own, from its one place."""
+    return re.search(r"project\(isonest VERSION (\S+)", (HERE.parents[1] / "CMakeLists.txt").read_text())[1]
+
+
+def debian_url(package, version):
+    return f"pkg:deb/debian/{package}@{version}?distro={debian()}"
+
+
+def part(name, version, url, licence):
+    return {"type": "library", "name": name, "version": version, "purl": url.replace("+", "%2B"), "licenses": [licence]}
+
+
 def component(kind, name, package, version, licence):
     if kind == "Debian's":
         found = installed(package)
         of_releases = version.split(", ")
         version = found or of_releases[-1 if debian() == "trixie" else 0]
-        url = f"pkg:deb/debian/{package}@{version}?distro={debian()}"
+        url = debian_url(package, version)
     else:
         url = f"pkg:npm/{package}@{version}"
-    return {"type": "library", "name": name, "version": version, "purl": url.replace("+", "%2B"),
-            "licenses": [{"expression": licence.replace(" or ", " OR ")} if " or " in licence
-                         else {"license": {"name": licence}}]}
+    return part(name, version, url, {"expression": licence.replace(" or ", " OR ")} if " or " in licence
+                else {"license": {"name": licence}})
+
+
+def document(components):
+    return {"bomFormat": "CycloneDX", "specVersion": "1.4", "version": 1,
+            "metadata": {"component": {"type": "application", "name": "isonest", "version": own_version(),
+                                       "licenses": [{"license": {"id": "MIT"}}]}},
+            "components": components}
 
 
 def main():
-    version = re.search(r"project\(isonest VERSION (\S+)", (HERE.parents[1] / "CMakeLists.txt").read_text())[1]
-    made = {"bomFormat": "CycloneDX", "specVersion": "1.4", "version": 1,
-            "metadata": {"component": {"type": "application", "name": "isonest", "version": version,
-                                       "licenses": [{"license": {"id": "MIT"}}]}},
-            "components": [component(*row[:5]) for row in libraries()]}
+    made = document([component(*row[:5]) for row in libraries()])
     json.dump(made, sys.stdout, indent=2, ensure_ascii=False)
     print()
 
