@@ -80,9 +80,9 @@ function together(columns, names) {
 async function native(command, path, asked) {
   const { axis, index, position, plane: of, triangles, normals = true, ...rest } = asked;
   const words = [command, path, "--json", "--force", "-o", join(folder.path, "native.ply"), "--space", "as-stored"];
-  for (const [name, value] of Object.entries(rest)) if (!["space"].includes(name)) words.push(`--${name}=${Array.isArray(value) ? value.join(",") : value}`);
+  for (const [name, value] of Object.entries(rest)) words.push(`--${name}=${Array.isArray(value) ? value.join(",") : value}`);
   if (command === "slice") words.push(`--plane=${of ?? [...["x", "y", "z"].map((one) => (one === axis ? 1 : 0)), index ?? position]}`);
-  else if (!("effort" in asked)) words.push("--effort=fast");
+  else if (!("effort" in asked) && (asked.error || asked.distance || triangles)) words.push("--effort=fast");
   if (triangles) words.push(`--triangles=${triangles}`);
   if (command === "extract" && normals && !("smooth" in asked)) words.push("--normals");
   return { report: JSON.parse(await run(program, ...words)), ...(await readPly(join(folder.path, "native.ply"))) };
@@ -364,8 +364,9 @@ test("arrays fit three.js and vtk.js", async () => {
 test("types are right, and wrong options are errors", async () => {
   const compiler = join(root, "tools/view/web/node_modules/.bin/tsc");
   for (const [module, resolution] of [["nodenext", "nodenext"], ["esnext", "bundler"]]) {
-    const words = ["--noEmit", "--strict", "--target", "es2022", "--lib", "es2022,dom", "--types", "", "--module", module, "--moduleResolution", resolution, "types.ts"];
-    await inProject(process.execPath, compiler, ...words);
+    const compilerOptions = { noEmit: true, strict: true, target: "es2022", lib: ["es2022", "dom"], types: [], module, moduleResolution: resolution };
+    await writeFile(join(project, "tsconfig.json"), JSON.stringify({ compilerOptions, files: ["types.ts"] }));
+    await inProject(process.execPath, compiler, "-p", ".");
   }
 });
 

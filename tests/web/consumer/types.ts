@@ -29,6 +29,4 @@ export async function wrong(store: Store): Promise<void> {
   await store.sliceImage({ axis: "z", index: 1 });
   // @ts-expect-error not a source
   await open(5);
-  // @ts-expect-error internals are not in the types
-  store._open;
 }

@@ -240,7 +240,9 @@ export class Store {
 
   /** The surface where the data have the value `iso`. For data in a plane: lines. */
   async surface(options: SurfaceOptions): Promise<Surface> {
-    const { iso, label, distance, triangles, effort = "fast", normals = true, components, close, smooth } = options;
+    const { iso, label, error, distance, triangles, normals = true, components, close, smooth } = options;
+    // A page waits for its meshes. At full resolution there is nothing to simplify.
+    const { effort = error || distance || triangles ? "fast" : undefined } = options;
     const { json, arrays } = await this.#query("surface", options, {
       iso, label, distance: this.#length(distance), triangles, components, close, smooth, effort, normals: normals ? 1 : 0,
     });
@@ -399,7 +401,7 @@ class Calls {
   #ended: Error | null = null;
 
   constructor(start: Start) {
-    this.#port = start((message) => this.#received(message), (message) => this.#fail(new Error(message)));
+    this.#port = start((message) => this.#received(message), (message) => this.#fail(new IsonestError(message, "io")));
   }
 
   open(source: WorkerSource, memory: number): Promise<void> {
