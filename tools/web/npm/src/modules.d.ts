@@ -5,7 +5,7 @@ declare module "isonest:loader" {
 }
 declare module "node:worker_threads" {
   export class Worker {
-    constructor(script: URL);
+    constructor(script: URL, options: { readonly execArgv: string[] });
     on(event: string, listener: (value: never) => void): void;
     postMessage(message: unknown): void;
     ref(): void;

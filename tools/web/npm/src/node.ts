@@ -52,7 +52,8 @@ export async function open(source: Source, options: OpenOptions = {}): Promise<S
   });
   const served = "served" in found ? found.served : null;
   const start = (received: (message: Message) => void, broken: (message: string) => void): Port => {
-    const worker = new Worker(new URL("./node_worker.js", import.meta.url));
+    // Options of this process, such as --input-type, are not for the worker.
+    const worker = new Worker(new URL("./node_worker.js", import.meta.url), { execArgv: [] });
     let ended = false;
     const read = async ({ id, offset, size, shared }: Extract<Message, { kind: "read" }>): Promise<void> => {
       let bytes: Uint8Array | string;

@@ -458,8 +458,8 @@ class Calls {
       if (message.status === 200) {
         one?.resolve({ json: JSON.parse(text), arrays: message.arrays });
       } else {
-        const { kind, message: problem } = (JSON.parse(text) as { error: { kind: string; message: string } }).error;
-        one?.reject(new IsonestError(problem, kind));
+        const { error } = JSON.parse(text) as { error: Problem };
+        one?.reject(new IsonestError(messageOf(error), error.kind));
       }
     }
   }
@@ -473,6 +473,27 @@ class Calls {
     this.#waiting.clear();
     this.#port.end();
   }
+}
+
+/** An error of the library. */
+interface Problem {
+  readonly kind: string;
+  /** With the texts of the remedies. */
+  readonly message: string;
+  readonly remedies?: readonly { readonly kind: string; readonly value: string; readonly text: string }[];
+}
+
+/** The part of the memory that a query gets: MemoryShares::of_page in tools/view/store_answers.cpp. */
+const kShare = 6 / 16;
+
+/** The library's message, with this package's option in place of the program's. */
+function messageOf({ message, remedies = [] }: Problem): string {
+  return remedies.reduce((said, { kind, value, text }) => {
+    if (!text.includes("--memory")) return said;
+    const needed = Math.ceil(Number(value) / kShare / kMiB);
+    const more = needed > 0 ? `open the store with memory: ${needed} * 2 ** 20, or more` : "open the store with more memory";
+    return said.replace(text, kind === "more_memory" ? more : "open the store with less memory");
+  }, message);
 }
 
 function infoOf(json: unknown): StoreInfo {
