@@ -64,7 +64,7 @@ def surface_polydata(store, iso, **options):
         turned.SetName("Normals")
         data.GetPointData().SetNormals(turned)
     report = mesh.report
-    is_distance = report.distance_bound is not None
+    is_distance = any(options.get(name) is not None for name in ("distance", "triangles")) and options.get("by") != "error"
     bound = numpy_to_vtk(np.array([report.distance_bound * abs(matrix[2, 2]) if is_distance else report.error_bound]), deep=1)
     bound.SetName("distance bound" if is_distance else "error bound")
     data.GetFieldData().AddArray(bound)

@@ -116,17 +116,16 @@ def _names_of(store: Store) -> "list[tuple[int, str]]":
 def surface_layer(store: Union[Store, _Path], iso: float, **options: Any) -> "tuple[Any, dict[str, Any], str]":
     """A surface as a layer tuple of napari, in the same world coordinates as :func:`layers`.
 
-    options: those of :meth:`isonest.Store.isosurface`, such as ``distance="0.5voxel"``. The proven bounds are in the
-    layer's metadata.
+    options: those of :meth:`isonest.Store.isosurface`, such as ``distance="0.5voxel"``. The report, with the proven
+    bounds, is in the layer's metadata.
     """
     if not isinstance(store, Store):
         store = open_store(store)
     mesh: Any = store.isosurface(iso, **{"normals": False, **options, "coordinates": "world"})
     if mesh.faces.shape[1] != 3:
         raise ValueError("data in a plane have isolines and no surface")
-    bounds = {name: getattr(mesh.report, name) for name in ("error_bound", "distance_bound")}
     about = {"name": f"{os.path.splitext(os.path.basename(str(store.path)))[0]} = {iso:g}",
-             "metadata": {"unit": store.unit, "frame": store.frame, **bounds}}
+             "metadata": {"unit": store.unit, "frame": store.frame, "report": mesh.report}}
     return (mesh.vertices[:, ::-1], mesh.faces, mesh.values.astype(np.float32)), about, "surface"
 
 
