@@ -121,7 +121,8 @@ def surface_layer(store: Union[Store, _Path], iso: float, **options: Any) -> "tu
     """
     if not isinstance(store, Store):
         store = open_store(store)
-    mesh: Any = store.isosurface(iso, **{"normals": False, **options, "coordinates": "world"})
+    given: "dict[str, Any]" = {"normals": False, **options, "coordinates": "world"}
+    mesh = store.isosurface(iso, **given)
     if mesh.faces.shape[1] != 3:
         raise ValueError("data in a plane have isolines and no surface")
     about = {"name": f"{os.path.splitext(os.path.basename(str(store.path)))[0]} = {iso:g}",
