@@ -401,6 +401,14 @@ testInBrowser("in Chromium, a URL, a blob and bytes give the program's meshes", 
   const one = await open(linear);
   assert.deepEqual(floats(image.values), (await one.sliceImage({ axis: "z", index: 5, width: 19 })).values);
   one.close();
+  // A worker of the page's own has no document.
+  const inWorker = await page.evaluate(() => new Promise((resolve) => {
+    const script = `import { open } from "${location.origin}/project/node_modules/isonest/index.js";
+      import { run } from "${location.origin}/project/queries.mjs";
+      run(open, "${location.origin}/bucky.isonest").then((got) => postMessage(got), (error) => postMessage(error.message));`;
+    new Worker(URL.createObjectURL(new Blob([script], { type: "text/javascript" })), { type: "module" }).onmessage = ({ data }) => resolve(data);
+  }));
+  sameAll(inWorker, "Chromium, in a worker");
   const little = await page.evaluate((memory) => window.consumer.run("/bucky.isonest", { memory }), 192 * MB);
   sameAll(little, "Chromium, little memory");
   assert.deepEqual(faults, []);

@@ -3,18 +3,23 @@ import { type Message, type OpenOptions, type Port, type Source, Store, type Wor
 
 export * from "./store.js";
 
+/** What relative addresses start from; a worker has no document. */
+function base(): string {
+  return typeof document === "undefined" ? location.href : document.baseURI;
+}
+
 function sourceOf(source: Source): WorkerSource {
   if (source instanceof Blob) return { blob: source, name: (source as { name?: string }).name ?? "the blob" };
   if (source instanceof ArrayBuffer) return { bytes: new Uint8Array(source), name: "the bytes" };
   if (source instanceof Uint8Array) return { bytes: source, name: "the bytes" };
-  return { url: new URL(source, document.baseURI).href };
+  return { url: new URL(source, base()).href };
 }
 
 /** Browsers start workers of the page's own origin only; a script of another origin has to be imported by one. */
 function startWorker(folder: string | URL | undefined): Worker {
   const here = new URL("./", import.meta.url);
   if (folder === undefined && here.origin === location.origin) return new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
-  const files = folder === undefined ? here : new URL(String(folder).replace(/\/?$/, "/"), document.baseURI);
+  const files = folder === undefined ? here : new URL(String(folder).replace(/\/?$/, "/"), base());
   const script = new URL("worker.js", files);
   if (script.origin === location.origin) return new Worker(script, { type: "module" });
   const url = URL.createObjectURL(new Blob([`import ${JSON.stringify(script.href)};`], { type: "text/javascript" }));
