@@ -265,6 +265,10 @@ class SmallWheel(unittest.TestCase):
         with self.assertRaisesRegex(WheelError, "libown.so is of no Debian package"):
             self.make(tree, "refused")
 
+    def test_napari_finds_the_manifest(self):
+        self.assertEqual(self.contents[self.info + "entry_points.txt"].decode().split("\n"),
+                         ["[napari.manifest]", "isonest = isonest:napari.yaml", ""])
+
     def test_licences_are_inside(self):
         table = self.contents[self.info + "licenses/LIBRARIES.md"].decode()
         copied = [name for name in self.names if name.startswith("isonest.libs/") and "-absent-" not in name]

@@ -48,7 +48,7 @@ def test_the_snippets_run(names, capsys):
     assert names["polydata"].GetNumberOfPolys() == len(names["surface"].faces)
     capsys.readouterr()
     for section, count in (("What the program does, from Python", 2), ("What goes in", 2),
-                           ("Errors, progress, Ctrl-C", 2)):
+                           ("Errors, progress, Ctrl-C", 2), ("In napari and 3D Slicer", 1)):
         assert len(snippets(section)) == count
         for code in snippets(section):
             exec(code, names)  # noqa: S102

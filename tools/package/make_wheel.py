@@ -326,6 +326,12 @@ def metadata_of(of):
     return "\n".join(lines)
 
 
+def entry_points(of):
+    """The text of entry_points.txt: what other programs find the package by."""
+    return "\n".join(f"[{group}]\n" + "".join(f"{name} = {place}\n" for name, place in entries.items())
+                     for group, entries in of.get("entry-points", {}).items())
+
+
 def licences(libraries):
     """{name in dist-info: text} of the licences: isonest's, a table of the libraries, and their copyright files."""
     files = {"licenses/LICENSE": (ROOT / "LICENSE").read_bytes()}
@@ -401,6 +407,7 @@ def make(tree, out, is_bundled=True):
     tag = f"{python}-{abi}-{platform}"
     files[f"{dist_info}/METADATA"] = (metadata_of(of).encode(), False)
     files[f"{dist_info}/WHEEL"] = (f"Wheel-Version: 1.0\nGenerator: isonest\nRoot-Is-Purelib: false\nTag: {tag}\n".encode(), False)
+    files[f"{dist_info}/entry_points.txt"] = (entry_points(of).encode(), False)
     for name, data in licences(libraries).items():
         files[f"{dist_info}/{name}"] = (data, False)
     if is_bundled:

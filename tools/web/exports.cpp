@@ -90,6 +90,7 @@ int outcome_of(Answered answered) {
 void begin_run(bool may_unwind) {
     State& s = state();
     s.answer = {};
+    s.queries->clear_arrays();
     s.run_began = ::emscripten_get_now();
     s.times.of_run = [] { return ::emscripten_get_now() - state().run_began; };
     s.queries->begin_run(may_unwind, s.times);
@@ -156,9 +157,20 @@ EMSCRIPTEN_KEEPALIVE const char* isonest_answer_body() {
 EMSCRIPTEN_KEEPALIVE std::size_t isonest_answer_size() {
     return state().answer.heap();
 }
-/// The body is no longer used.
+// The arrays of an answer to "/arrays/...": positions, normals, values, indices.
+EMSCRIPTEN_KEEPALIVE int isonest_array_count() {
+    return NumberArrays::kCount;
+}
+EMSCRIPTEN_KEEPALIVE const void* isonest_array(int which) {
+    return state().queries->arrays().bytes(which).data();
+}
+EMSCRIPTEN_KEEPALIVE std::size_t isonest_array_bytes(int which) {
+    return state().queries->arrays().bytes(which).size();
+}
+/// The body and the arrays are no longer used.
 EMSCRIPTEN_KEEPALIVE void isonest_answer_done() {
     state().answer = {};
+    state().queries->clear_arrays();
 }
 
 }  // extern "C"

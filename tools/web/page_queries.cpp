@@ -30,7 +30,8 @@ PageQueries::Opened::Opened(const std::string& name, std::uint64_t memory)
                {shares.surface, shares.surface_message / view::MeshMessage::kTriangleHeap, 1},
                view::range_of(store)),
       slices(store, {shares.slice, shares.slice_message / view::MeshMessage::kTriangleHeap, 1},
-             view::range_of(store)) {}
+             view::range_of(store)),
+      arrays(store, shares, answers.are_labels()) {}
 
 Answered PageQueries::open() {
     try {
@@ -54,6 +55,17 @@ Answered PageQueries::ask(const std::string& target) {
     }
 }
 
+const NumberArrays& PageQueries::arrays() const {
+    static const NumberArrays none;
+    return opened_ ? opened_->arrays.arrays() : none;
+}
+
+void PageQueries::clear_arrays() {
+    if (opened_) {
+        opened_->arrays.clear();
+    }
+}
+
 HttpAnswer PageQueries::answer_within_memory(const std::string& target) {
     try {
         return answer(target);
@@ -69,6 +81,9 @@ HttpAnswer PageQueries::answer(const std::string& target) {
     const std::string path = request.path();
     request.text("stream");
     Progress& progress = silent_progress();
+    if (path.starts_with("/arrays/")) {
+        return opened_->arrays.answer(request, progress);
+    }
     if (path == "/api/surface" || path == "/api/slice") {
         const view::MeshRequest mesh = opened_->answers.take_mesh(request, path);
         return (mesh.is_slice() ? opened_->slices : opened_->surfaces).message(mesh, progress);

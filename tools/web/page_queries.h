@@ -14,6 +14,7 @@
 #include "tools/view/http_messages.h"
 #include "tools/view/mesh_answers.h"
 #include "tools/view/store_answers.h"
+#include "tools/web/array_answers.h"
 #include "tools/web/web_bytes.h"
 
 namespace isonest::detail::web {
@@ -31,8 +32,13 @@ class PageQueries {
 
     /// Opens the store. Answers 200 without a body if that succeeds, otherwise an error.
     Answered open();
-    /// `target`: as in PROTOCOL.md, "/api/surface?iso=1". REQUIRES: open() has answered 200.
+    /// `target`: as in PROTOCOL.md, "/api/surface?iso=1", or as in ArrayAnswers, "/arrays/...".
+    /// REQUIRES: open() has answered 200.
     Answered ask(const std::string& target);
+    /// The arrays that belong to the last answer; empty if it was not to "/arrays/...".
+    [[nodiscard]] const NumberArrays& arrays() const;
+    /// The arrays are no longer used.
+    void clear_arrays();
     /// Must be called before each open() and ask(), also when the same request is repeated.
     void begin_run(bool may_unwind, const WebTimes& times) { bytes_->begin_run(may_unwind, times); }
     [[nodiscard]] WebBytes& bytes() { return *bytes_; }
@@ -45,6 +51,7 @@ class PageQueries {
         view::StoreAnswers answers;
         view::MeshAnswers surfaces;
         view::MeshAnswers slices;
+        ArrayAnswers arrays;
     };
     /// Throws Error{limit} if the memory is not sufficient.
     view::HttpAnswer answer_within_memory(const std::string& target);

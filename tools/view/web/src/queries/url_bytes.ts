@@ -2,6 +2,10 @@
 import { Patience, waitNow } from "./patience";
 import type { ObjectBytes } from "./wasm_store";
 
+/** In Node, only the package isonest (tools/web/npm) uses this file. */
+const kIsPage = typeof XMLHttpRequest !== "undefined";
+const kOpenAgain = kIsPage ? "reload the page" : "open the store again";
+
 /** How often a waiting request checks whether its answer is still wanted. */
 const kLook = 100; // milliseconds
 
@@ -36,7 +40,7 @@ export class UrlBytes implements ObjectBytes {
 
   /** `received` gets the number of bytes of each answer. */
   static async open(url: string, received: (bytes: number) => void): Promise<UrlBytes> {
-    const absolute = new URL(url, location.href);
+    const absolute = new URL(url, kIsPage ? location.href : undefined);
     const name = absolute.origin + absolute.pathname;
     const start = performance.now();
     const [response, tried] = await asked(name, () => fetch(absolute, { method: "HEAD", cache: "no-cache" }), () => false);
@@ -84,12 +88,12 @@ export class UrlBytes implements ObjectBytes {
 
   private require(status: number, header: HeaderOf, tried: string): void {
     if (status === 200) {
-      throw new Error(`${this.name}: the server answers range requests with the whole file; a page can only read stores from servers that support ranges.`);
+      throw new Error(`${this.name}: the server answers range requests with the whole file; ${kIsPage ? "a page can only read stores" : "stores are read only"} from servers that support ranges.`);
     }
-    if (status === 404 || status === 416) throw new Error(`${this.name}: was removed or replaced since it was opened: reload the page.`);
+    if (status === 404 || status === 416) throw new Error(`${this.name}: was removed or replaced since it was opened: ${kOpenAgain}.`);
     if (status !== 206) throw new Error(answers(this.name, status, header, tried));
     if (!isSame(stateOf(header), this.state)) {
-      throw new Error(`${this.name}: was replaced since it was opened: reload the page.`);
+      throw new Error(`${this.name}: was replaced since it was opened: ${kOpenAgain}.`);
     }
   }
 
@@ -105,7 +109,7 @@ function rangeOf(offset: number, size: number): string {
 }
 
 function unreachable(name: string): string {
-  return `${name}: cannot be reached, or its server does not let this page read it (CORS: it has to send Access-Control-Allow-Origin).`;
+  return !kIsPage ? `${name}: cannot be reached.` : `${name}: cannot be reached, or its server does not let this page read it (CORS: it has to send Access-Control-Allow-Origin).`;
 }
 
 function answers(name: string, status: number, header: HeaderOf, tried: string): string {

@@ -17,6 +17,8 @@ export interface WasmAnswer {
   readonly status: number;
   readonly type: string;
   readonly body: ArrayBuffer;
+  /** Of an answer to "/arrays/...": positions, normals, values, indices; otherwise each is empty. */
+  readonly arrays: ArrayBuffer[];
 }
 
 /** The module that isonest.mjs creates. */
@@ -36,6 +38,9 @@ interface Module {
   _isonest_answer_type(): number;
   _isonest_answer_body(): number;
   _isonest_answer_size(): number;
+  _isonest_array_count(): number;
+  _isonest_array(which: number): number;
+  _isonest_array_bytes(which: number): number;
   _isonest_answer_done(): void;
 }
 
@@ -45,6 +50,15 @@ export type Loader = (options: object) => Promise<Module>;
 export class Cancelled extends Error {}
 /** Bytes could not be fetched. */
 export class NotFetched extends Error {}
+/** The object is not a store, or not one that can be opened. */
+export class NotOpened extends Error {
+  constructor(
+    message: string,
+    readonly kind: string,
+  ) {
+    super(message);
+  }
+}
 
 const kPage = 65536;
 /** How often a query may start again; after that it waits for each of its requests. */
@@ -66,7 +80,7 @@ export class WasmStore {
     readonly memory: WebAssembly.Memory,
   ) {}
 
-  /** Throws the answer's error if the object is not a store. `memory`: memory budget in bytes. */
+  /** Throws NotOpened with the answer's error if the object is not a store. `memory`: memory budget in bytes. */
   static async open(load: Loader, wasmBinary: ArrayBuffer | Uint8Array, bytes: ObjectBytes, memory: number): Promise<WasmStore> {
     const wasmMemory = new WebAssembly.Memory({ initial: 256, maximum: Math.max(512, Math.floor(memory / kPage)) });
     const fetchNow = (offset: number, size: number): Uint8Array | string => {
@@ -81,11 +95,11 @@ export class WasmStore {
     const store = new WasmStore(module, bytes, wasmMemory);
     store.withText(bytes.name, (at) => module._isonest_begin(at, bytes.size, memory));
     const answer = await store.run((mayUnwind) => module._isonest_open(mayUnwind), () => false);
-    if (answer.status !== 200) throw new Error(messageOf(answer));
+    if (answer.status !== 200) throw new NotOpened(...problemOf(answer));
     return store;
   }
 
-  /** `target`: "/api/..." as in PROTOCOL.md. Throws Cancelled once `isCancelled()`, which is called between two runs. */
+  /** `target`: "/api/..." as in PROTOCOL.md, or "/arrays/..." as in tools/web/array_answers.h. Throws Cancelled once `isCancelled()`, which is called between two runs. */
   async ask(target: string, isCancelled: () => boolean = () => false): Promise<WasmAnswer> {
     return this.run((mayUnwind) => this.withText(target, (at) => this.module._isonest_ask(at, mayUnwind)), isCancelled);
   }
@@ -128,11 +142,16 @@ export class WasmStore {
 
   private answer(): WasmAnswer {
     const { module } = this;
-    const body = module._isonest_answer_body();
+    const copied = (from: number, size: number): ArrayBuffer => module.HEAPU8.slice(from, from + size).buffer as ArrayBuffer;
+    const arrays: ArrayBuffer[] = [];
+    for (let which = 0; which < module._isonest_array_count(); ++which) {
+      arrays.push(copied(module._isonest_array(which), module._isonest_array_bytes(which)));
+    }
     const answer = {
       status: module._isonest_answer_status(),
       type: this.text(module._isonest_answer_type()),
-      body: module.HEAPU8.slice(body, body + module._isonest_answer_size()).buffer as ArrayBuffer,
+      body: copied(module._isonest_answer_body(), module._isonest_answer_size()),
+      arrays,
     };
     module._isonest_answer_done();
     return answer;
@@ -156,12 +175,13 @@ export class WasmStore {
   }
 }
 
-/** For an answer that is an error. */
-export function messageOf(answer: WasmAnswer): string {
+/** Message and kind of an answer that is an error. */
+function problemOf(answer: WasmAnswer): [string, string] {
   const text = new TextDecoder().decode(answer.body);
   try {
-    return (JSON.parse(text) as { error: { message: string } }).error.message;
+    const { message, kind } = (JSON.parse(text) as { error: { message: string; kind: string } }).error;
+    return [message, kind];
   } catch {
-    return text;
+    return [text, "io"];
   }
 }
