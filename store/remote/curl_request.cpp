@@ -23,8 +23,9 @@ namespace isonest::detail {
 namespace {
 
 [[noreturn]] void fail_to_load(const char* why) {
-    throw Error(ErrorKind::unsupported, fmt::format("URLs need libcurl: {}", why),
-                {{RemedyKind::install_package, "libcurl4-openssl-dev"}});
+    // It is loaded when a URL is opened, so nothing has to be built again.
+    throw Error(ErrorKind::unsupported,
+                fmt::format("URLs need libcurl: {}; install Debian's libcurl4", why));
 }
 
 template <class Function>

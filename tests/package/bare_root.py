@@ -196,7 +196,7 @@ class Wheel(BareRoot):
     def test_1_a_url_without_libcurl_says_what_to_install(self):
         if list(self.root.glob("usr/lib/*/libcurl.so.4")):
             self.skipTest("this root has libcurl")
-        self.assertIn("libcurl", self.at("/venv/bin/isonest", "info", "https://127.0.0.1:1/x.isonest", fails=True))
+        self.assertIn("install Debian's libcurl4", self.at("/venv/bin/isonest", "info", "https://127.0.0.1:1/x.isonest", fails=True))
 
     def test_2_a_url_with_the_systems_libcurl(self):
         self.at("apt-get", "update", "-qq")
