@@ -234,7 +234,7 @@ def main():
                   None if args.data else "give the folder of the volumes with --data")
     needs.require(needs.zstd_filter())
     import distance
-    args.rounds, args.isos = 1, 1
+    args.rounds, args.isos, args.extract = 1, 1, None
     distances = [float(d) for d in args.distances.split(",")] if args.distances else distance.COMPARE
     return globals()[args.mode](distance.Bench(args), distances)
 

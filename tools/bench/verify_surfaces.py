@@ -135,7 +135,7 @@ def verify(isonest, volume, options, folder):
         if u.dtype.kind in "iu":
             iso = float(round(iso))  # the difficult case: equal to values of nodes
         for tolerance in TOLERANCES:
-            done = subprocess.run([isonest, "extract", store, "--iso", repr(float(iso)), "--force",
+            done = subprocess.run([isonest, "extract", store, "--iso", repr(float(iso)),
                                    "--error-relative", str(tolerance), "--cells", "tet", "--effort", "none",
                                    "-o", mesh, "--json"], check=True, capture_output=True)
             report = json.loads(done.stdout)
