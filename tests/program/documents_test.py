@@ -73,5 +73,36 @@ if not any(command["command"] == "view" for command in table):
 elif options_page.page(table) != page.read_text(encoding="utf-8"):
     faults.append(f"tools/OPTIONS.md is not the program's table: {options_page.__file__} ISONEST > {page}")
 
+# Every section of RESULTS.md that has a table says with which version it was measured, none older than the last release:
+# the second version in CHANGES.md, whose first one is this one.
+sys.path.insert(0, str(ROOT / "tools/bench"))
+import tables  # noqa: E402
+
+releases = re.findall(r"^## (\d+\.\d+\.\d+)$", (ROOT / "CHANGES.md").read_text(encoding="utf-8"), re.M)
+numbers = lambda text: tuple(map(int, text.split(".")))
+if releases[0] != tables.version() or sorted(releases, key=numbers, reverse=True) != releases:
+    faults.append(f"CHANGES.md has the versions {releases}; this is {tables.version()}")
+results = tables.RESULTS.read_text(encoding="utf-8")
+current = 0
+for section in re.split(r"^(?=##+ )", results, flags=re.M):
+    title, tables_of_others = section.partition("\n")[0], tables.BLOCK.sub("", section)
+    found = tables.BLOCK.findall(section)
+    parts = [body for _, _, body in found] + [tables_of_others] * ("\n|---" in tables_of_others and title != "## The programs")
+    for part in parts:
+        which = tables.MEASURED.search(part)
+        if not which:
+            faults.append(f"RESULTS.md, {title}: no line says with which version its table was measured")
+        elif numbers(which.group(1)) < numbers(releases[1]):
+            faults.append(f"RESULTS.md, {title}: measured with {which.group(1)}, which is older than {releases[1]}: "
+                          "tools/bench/run --update")
+        else:
+            current += 1
+    for name, command, _ in found:
+        for program in re.findall(r"tools/bench/[\w./]+", command):
+            if not (ROOT / program).is_file():
+                faults.append(f"RESULTS.md, table {name}: no such program: {program}")
+if current < 10:
+    faults.append(f"only {current} tables of RESULTS.md were recognised")
+
 print("\n".join(faults) or f"{len(documents)} documents")
 sys.exit(1 if faults else 0)
