@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import math
 import os
-from typing import Any, Callable, Optional, Sequence, Union
+from typing import Any, Callable, Optional, Sequence, Union, cast
 
 import numpy as np
 
 from . import open as open_store
 from ._frame import ALONG_WORLD
+from ._mesh import Mesh
 from ._store import Store
 
 _Path = Union[str, "os.PathLike[str]"]
@@ -122,7 +123,7 @@ def surface_layer(store: Union[Store, _Path], iso: float, **options: Any) -> "tu
     if not isinstance(store, Store):
         store = open_store(store)
     given: "dict[str, Any]" = {"normals": False, **options, "coordinates": "world"}
-    mesh = store.isosurface(iso, **given)
+    mesh = cast(Mesh, store.isosurface(iso, **given))
     if mesh.faces.shape[1] != 3:
         raise ValueError("data in a plane have isolines and no surface")
     about = {"name": f"{os.path.splitext(os.path.basename(str(store.path)))[0]} = {iso:g}",
