@@ -69,7 +69,7 @@ def test_a_slice_reads_only_its_chunks(path, monkeypatch):
 
 
 def test_large_volumes_are_multiscale(path, noise, monkeypatch):
-    monkeypatch.setattr(plugin, "_MOST_IN_3D", 1000)
+    monkeypatch.setattr(plugin, "_MAX_NODES_IN_3D", 1000)
     (levels, about, _), = read(path)
     assert about["multiscale"] and levels[-1].size <= 1000 < levels[-2].size
     for number, level in enumerate(levels):

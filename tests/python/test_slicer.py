@@ -89,7 +89,7 @@ def test_an_image_has_the_nodes_in_their_places(tmp_path, noise, module, level, 
 def test_without_a_level_the_volume_fits(tmp_path, noise, module, monkeypatch):
     store = nrrd_store(tmp_path, noise, "right-anterior-superior")
     assert module.volume_image(store)[0].GetNumberOfPoints() == noise.size
-    monkeypatch.setattr(module, "MOST_NODES", 1000)
+    monkeypatch.setattr(module, "MAX_NODES", 1000)
     assert 0 < module.volume_image(store)[0].GetNumberOfPoints() <= 1000
 
 

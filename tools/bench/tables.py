@@ -7,7 +7,8 @@
     <!-- end -->
 
 COMMAND is run by the shell in the root of the tree. Its output replaces what stands between the lines. Variables: $BUILD, the
-build folder; $DATA, a folder with the volumes of distance.py; $WORK, a folder for large files, kept.
+build folder; $DATA, a folder with the volumes of distance.py; $WORK, a folder for large files, kept. `bucky N` is the
+store of a bucky ball of N^3 nodes of 8 bits in $WORK, made unless it is there.
 """
 import datetime
 import os
@@ -21,6 +22,17 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "tools/bench/RESULTS.md"
 BLOCK = re.compile(r"<!-- table ([a-z-]+): (.*?) -->\n(.*?)<!-- end -->\n", re.S)
 MEASURED = re.compile(r"Measured: isonest (\d+\.\d+\.\d+) \(commit ([0-9a-f]{7,})\)")
+
+# Shell functions for the commands.
+FUNCTIONS = """bucky() {
+    local store=$WORK/bucky$1.isonest
+    if [[ ! -e $store ]]; then
+        "$BUILD/bin/isonest" make-volume bucky --size "$1" --type uint8 -q --force -o "$WORK/bucky$1.h5" >&2
+        "$BUILD/bin/isonest" preprocess "$WORK/bucky$1.h5" -q -o "$store" >&2
+    fi
+    echo "$store"
+}
+"""
 
 
 def version():
@@ -37,7 +49,7 @@ def machine():
 
 def measured():
     commit = subprocess.run(["git", "-C", ROOT, "rev-parse", "--short=8", "HEAD"], check=True, capture_output=True, text=True)
-    return (f"Measured: isonest {version()} (commit {commit.stdout.strip()}), {datetime.date.today()}, {machine()}.")
+    return f"Measured: isonest {version()} (commit {commit.stdout.strip()}), {datetime.date.today()}, {machine()}."
 
 
 def update(names, build, data, work):
@@ -53,7 +65,7 @@ def update(names, build, data, work):
         if "$DATA" in blocks[name] and not data:
             failed.append(f"{name}: give --data FOLDER")
             continue
-        done = subprocess.run(["bash", "-euc", blocks[name]], cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
+        done = subprocess.run(["bash", "-euc", FUNCTIONS + blocks[name]], cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
         if done.returncode != 0:
             failed.append(f"{name}: exit code {done.returncode}")
             continue

@@ -26,7 +26,7 @@ except ImportError:  # not in Slicer: the functions only
 # Slicer's lengths are millimetres.
 MILLIMETRES = {"km": 1e6, "m": 1e3, "dm": 100.0, "cm": 10.0, "mm": 1.0, "um": 1e-3, "nm": 1e-6, "angstrom": 1e-7, "pm": 1e-9,
                "ft": 304.8, "in": 25.4}
-MOST_NODES = 2**27  # of a level that is loaded unless a level is given: 512 MB as float32
+MAX_NODES = 2**27  # of a level that is loaded unless a level is given: 512 MB as float32
 
 
 def _isonest():
@@ -73,9 +73,9 @@ def surface_polydata(store, iso, **options):
 
 def volume_image(store, level=None):
     """Every 2^level-th node as a vtkImageData with spacing 1 at the origin, and the vtkMatrix4x4 from its indices (i, j, k) to
-    Slicer's world: what a vtkMRMLScalarVolumeNode wants. None: the finest level with at most MOST_NODES nodes."""
+    Slicer's world: what a vtkMRMLScalarVolumeNode wants. None: the finest level with at most MAX_NODES nodes."""
     if level is None:
-        level = next((one for one in range(store.levels) if np.prod(store.level_shape(one), dtype=float) <= MOST_NODES),
+        level = next((one for one in range(store.levels) if np.prod(store.level_shape(one), dtype=float) <= MAX_NODES),
                      store.levels - 1)
     values = store.values(level)
     image = vtkImageData()

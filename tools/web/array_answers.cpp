@@ -311,12 +311,12 @@ HttpAnswer ArrayAnswers::answer(RequestTarget& request, Progress& progress) {
 }
 
 HttpAnswer ArrayAnswers::surface(RequestTarget& request, Progress& progress) {
-    constexpr std::int64_t kMostTriangles = 100'000'000;
+    constexpr std::int64_t kMaxTriangles = 100'000'000;
     SurfaceMaking making;
     making.effort = take_effort(request);
     making.close = take_close(request);
     making.normals = request.integer("normals", 0, 1).value_or(1) == 1;
-    const std::optional<std::int64_t> triangles = request.integer("triangles", 1, kMostTriangles);
+    const std::optional<std::int64_t> triangles = request.integer("triangles", 1, kMaxTriangles);
     if (triangles && (request.has("error") || request.has("distance"))) {
         view::fail("give one of triangles, error and distance");
     }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <filesystem>
+#include <initializer_list>
 #include <memory>
 #include <vector>
 
@@ -213,6 +214,17 @@ WorldPlane parse_plane(const std::string& text) {
     return {{v[0], v[1], v[2]}, v[3]};
 }
 
+/// The last of the options that is given; empty if none is.
+std::string last_given(const CLI::App& command, std::initializer_list<const char*> options) {
+    std::string last;
+    for (const char* const option : options) {
+        if (command.get_option(option)->count() > 0) {
+            last = option;
+        }
+    }
+    return last;
+}
+
 std::vector<double> parse_contours(const std::string& text) {
     const auto count = static_cast<std::size_t>(std::count(text.begin(), text.end(), ',')) + 1;
     return parse_numbers("--contours", text, count, "V,V,...");
@@ -264,16 +276,8 @@ void add_slice(CLI::App& app, Invocation& chosen) {
     c->add_option("-o,--output", a->extract.mesh)->required();
     c->callback([a, c, &chosen] {
         note_source_option(*c, a->in);
-        for (const char* const option : {"--size", "--plain"}) {
-            if (c->get_option(option)->count() > 0) {
-                a->picture_option = option;
-            }
-        }
-        for (const char* const option : {"--range", "--colors"}) {
-            if (c->get_option(option)->count() > 0) {
-                a->color_option = option;
-            }
-        }
+        a->picture_option = last_given(*c, {"--size", "--plain"});
+        a->color_option = last_given(*c, {"--range", "--colors"});
         chosen.run = [a](Progress& progress) {
             require_remote(a->in.remote, a->in.input);
             return run_beside_fetching(a->in.remote, [&] { return run(*a, progress); });

@@ -18,7 +18,7 @@ from ._store import Store
 _Path = Union[str, "os.PathLike[str]"]
 
 # In three dimensions napari shows the coarsest level alone. This is the most nodes that it gets, about 256^3.
-_MOST_IN_3D = 2**24
+_MAX_NODES_IN_3D = 2**24
 
 
 class Level:
@@ -97,7 +97,7 @@ def layers(store: Union[Store, _Path], *, kind: Optional[str] = None) -> "list[t
     if kind is None:
         kind = "labels" if names or store.dtype == np.int64 else "image"
     levels = [Level(store, 0)]
-    while levels[-1].size > _MOST_IN_3D and len(levels) < store.levels:
+    while levels[-1].size > _MAX_NODES_IN_3D and len(levels) < store.levels:
         levels.append(Level(store, len(levels)))
     about: "dict[str, Any]" = {
         "name": os.path.splitext(os.path.basename(str(store.path)))[0],

@@ -2,17 +2,13 @@
 // them while WebAssembly runs.
 import { Worker } from "node:worker_threads";
 import { UrlBytes } from "../../../view/web/src/queries/url_bytes";
+import type { ObjectBytes } from "../../../view/web/src/queries/wasm_store";
 import { IsonestError, type Message, type OpenOptions, type Port, type Source, Store, type WorkerSource } from "./store.js";
 
 export * from "./store.js";
 
 /** Bytes that this thread reads for the worker. */
-interface ServedBytes {
-  readonly name: string;
-  readonly size: number;
-  readonly roundTrip: number;
-  read(offset: number, size: number, isCancelled: () => boolean): Promise<Uint8Array>;
-}
+type ServedBytes = Omit<ObjectBytes, "readNow">;
 
 function ofBlob(blob: Blob): ServedBytes {
   const name = (blob as { name?: string }).name ?? "the blob";
