@@ -20,7 +20,7 @@ try:
     import nibabel
     import numpy as np
     import tifffile
-    from ply import read_points
+    from mesh_data import read_points
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)

@@ -16,7 +16,7 @@ import unittest
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
 from label_volumes import cells, corner_nodes, cyclic, single_nodes  # noqa: E402
-from ply import read_points  # noqa: E402
+from mesh_data import read_points  # noqa: E402
 
 import h5py
 import numpy as np

@@ -6,7 +6,6 @@ usage: label_name_outputs_test.py ISONEST PLUGIN_FOLDER
 import json
 import os
 import pathlib
-import struct
 import sys
 import tempfile
 import unittest
@@ -15,6 +14,7 @@ import zipfile
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
+from mesh_data import read_glb  # noqa: E402
 
 ISONEST = sys.argv[1]
 os.environ["HDF5_PLUGIN_PATH"] = sys.argv[2]
@@ -32,13 +32,6 @@ def run(*arguments, code=0):
     done = served.run([ISONEST, *map(str, arguments), "--json"], capture_output=True, text=True)
     assert done.returncode == code, (arguments, done.returncode, done.stdout, done.stderr)
     return json.loads(done.stdout)
-
-
-def glb_head(path):
-    data = path.read_bytes()
-    length = struct.unpack_from("<I", data, 12)[0]
-    assert struct.unpack_from("<I", data, 8)[0] == len(data)
-    return json.loads(data[20:20 + length])
 
 
 def linear(shown):
@@ -133,7 +126,7 @@ class LabelNameOutputs(unittest.TestCase):
         self.extract("--labels", "0-7", "--format", "glb", name="glb")
         for label in range(8):
             name, color = NAMES.get(label, ("", None))
-            head = glb_head(self.here / "glb" / f"{label}.glb")
+            head, _ = read_glb(self.here / "glb" / f"{label}.glb")
             (node,), (material,) = head["nodes"], head["materials"]
             self.assertEqual(node.get("name", ""), name)
             self.assertEqual(material["name"], name or "surface")

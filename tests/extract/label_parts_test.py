@@ -15,7 +15,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 import smooth_labels_test as nets
-from ply import read_points
+from mesh_data import read_points
 
 run = nets.run
 CORNERS = np.ones((3, 3, 3))  # nodes with a common cell are connected

@@ -17,7 +17,7 @@ import unittest
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
 from label_volumes import cells, cyclic, single_nodes  # noqa: E402
-from ply import write_ply  # noqa: E402
+from mesh_data import write_ply  # noqa: E402
 from windings import windings  # noqa: E402
 
 import numpy as np

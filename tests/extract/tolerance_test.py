@@ -19,7 +19,7 @@ HERE = pathlib.Path(__file__).resolve()
 sys.path.insert(0, str(HERE.parents[1] / "support"))
 sys.path.insert(0, str(HERE.parents[2] / "tools" / "bench"))
 import served  # noqa: E402
-from ply import read_ply  # noqa: E402
+from mesh_data import read_ply  # noqa: E402
 from verify_surfaces import finest  # noqa: E402
 
 ISONEST, PLUGINS = os.path.abspath(sys.argv[1]), sys.argv[2]

@@ -3,15 +3,14 @@ and by the specification of glTF.
 
 Usage: mesh_colors_test.py ISONEST PLUGIN_FOLDER
 """
-import json
 import pathlib
-import struct
 import sys
 import tempfile
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
+from mesh_data import read_glb, read_ply  # noqa: E402
 
 import numpy as np
 from vtkmodules.util.numpy_support import vtk_to_numpy
@@ -30,35 +29,6 @@ def read(reader, path):
     arrays = data.GetPointData()
     return vtk_to_numpy(data.GetPoints().GetData()), {
         arrays.GetArrayName(i): vtk_to_numpy(arrays.GetArray(i)) for i in range(arrays.GetNumberOfArrays())}
-
-
-def read_ply(path):
-    """The properties of the vertices by name, by the format's description."""
-    data = path.read_bytes()
-    head, _, body = data.partition(b"end_header\n")
-    lines = head.decode().splitlines()
-    count, = (int(line.split()[2]) for line in lines if line.startswith("element vertex"))
-    kinds = {"float": "<f4", "double": "<f8", "uchar": "u1"}
-    row = np.dtype([(line.split()[2], kinds[line.split()[1]]) for line in lines
-                    if line.startswith("property") and "list" not in line])
-    return np.frombuffer(body, row, count)
-
-
-def read_glb(path):
-    """(header, arrays by the names of the attributes)"""
-    data = path.read_bytes()
-    length, = struct.unpack_from("<I", data, 12)
-    head, body = json.loads(data[20:20 + length]), data[28 + length:]
-    arrays = {}
-    for name, index in head["meshes"][0]["primitives"][0]["attributes"].items():
-        a = head["accessors"][index]
-        view = head["bufferViews"][a["bufferView"]]
-        width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[a["type"]]
-        kind = np.dtype({5126: "<f4", 5123: "<u2"}[a["componentType"]])
-        assert view["byteOffset"] % 4 == 0 and kind.itemsize * width % 4 == 0 and view["byteLength"] == a["count"] * width * kind.itemsize
-        assert a.get("normalized", False) == (kind == "<u2")
-        arrays[name] = np.frombuffer(body, kind, a["count"] * width, view["byteOffset"]).reshape(-1, width)
-    return head, arrays
 
 
 def displayed(linear):
@@ -103,7 +73,7 @@ class ColorsTest(unittest.TestCase):
         for path in (ply, glb)[:1 + has_glb]:
             self.run_program(*options, "--colors", "gray", "-o", path)
         _, arrays = read(vtkPLYReader(), ply)
-        rows = read_ply(ply)
+        rows, _ = read_ply(ply)
         values = rows[name].astype(float)
         self.assertGreater(len(values), 50)
         np.testing.assert_array_equal(arrays["RGB"], np.stack([rows[part] for part in ("red", "green", "blue")], 1))
@@ -141,7 +111,7 @@ class ColorsTest(unittest.TestCase):
         for name in ("s.png", "s.ply"):
             self.run_program("slice", self.ball, "--plane", "0,0,1,8", "--colors", "viridis_r", "--range", "2,9", "-o",
                              self.folder / name)
-        rows = read_ply(self.folder / "s.ply")
+        rows, _ = read_ply(self.folder / "s.ply")
         least = rows[np.argmin(rows["value"])]  # below the range: the last colour of viridis
         self.assertEqual([least["red"], least["green"], least["blue"]], [253, 231, 37])
 

@@ -13,6 +13,7 @@ import zipfile
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
+from mesh_data import read_glb  # noqa: E402
 
 import h5py
 import numpy as np
@@ -64,35 +65,6 @@ def vtp_arrays(path):
 
 def corners(points, triangles):
     return points[triangles].astype("f4")
-
-
-def glb(path):
-    data = path.read_bytes()
-    magic, version, total, length, kind = struct.unpack_from("<4sIII4s", data)
-    assert (magic, version, kind) == (b"glTF", 2, b"JSON") and total == len(data)
-    head = json.loads(data[20:20 + length])
-    assert head["asset"]["version"] == "2.0"
-    if "meshes" not in head:
-        return None
-    size, kind = struct.unpack_from("<I4s", data, 20 + length)
-    assert kind == b"BIN\0" and 28 + length + size == len(data) and size % 4 == 0
-    body = data[28 + length:]
-    assert head["buffers"][0]["byteLength"] == size
-    out = {}
-    primitive = head["meshes"][0]["primitives"][0]
-    assert primitive["mode"] == 4
-    for name, index in [*primitive["attributes"].items(), ("indices", primitive["indices"])]:
-        a = head["accessors"][index]
-        view = head["bufferViews"][a["bufferView"]]
-        width = {"SCALAR": 1, "VEC3": 3}[a["type"]]
-        kind = {5126: "<f4", 5125: "<u4"}[a["componentType"]]
-        assert view["byteLength"] == a["count"] * width * 4
-        out[name] = np.frombuffer(body, kind, a["count"] * width,
-                                  view["byteOffset"]).reshape(-1, width)
-    position = head["accessors"][primitive["attributes"]["POSITION"]]
-    assert np.allclose(position["min"], out["POSITION"].min(0))
-    assert np.allclose(position["max"], out["POSITION"].max(0))
-    return out
 
 
 def three_mf(path):
@@ -184,7 +156,7 @@ with tempfile.TemporaryDirectory() as name:
         for other in ("Vertices", "Lines", "Strips"):
             assert root[other]["NumberOfCells"][0] == 0 and list(root[other]["Offsets"]) == [0]
 
-    g = glb(folder / "m.glb")
+    _, g = read_glb(folder / "m.glb")
     assert np.array_equal(g["POSITION"], points) and np.array_equal(g["NORMAL"], normals)
     assert np.array_equal(g["indices"].reshape(-1, 3), polys)
     assert np.array_equal(g["_VALUE"][:, 0], value) and np.array_equal(g["_ERROR"][:, 0], error)
@@ -226,7 +198,7 @@ with tempfile.TemporaryDirectory() as name:
         assert r["triangles"] == 0 and (folder / f"e.{end}").stat().st_size > 0
     assert vtk_mesh(vtkXMLPolyDataReader(), folder / "e.vtp")[2].GetNumberOfPolys() == 0
     assert {len(array) for array in vtp_arrays(folder / "e.vtp")[0].values()} == {0}
-    assert glb(folder / "e.glb") is None and three_mf(folder / "e.3mf") is None
+    assert read_glb(folder / "e.glb")[1] is None and three_mf(folder / "e.3mf") is None
     refusals = []
     for end, whole in (("e.glb", False), ("m.glb", True)):
         reader = vtkGLTFReader()
@@ -267,7 +239,7 @@ with tempfile.TemporaryDirectory() as name:
                 at, value = f["VTKHDF/Points"][:], f["VTKHDF/PointData/value"][:]
                 error = f["VTKHDF/PointData/error"][:]
         elif end == "glb":
-            g = glb(folder / "far.glb")
+            _, g = read_glb(folder / "far.glb")
             at, value, error = g["POSITION"], g["_VALUE"][:, 0], g["_ERROR"][:, 0]
         else:
             at, _, mesh = vtk_mesh({"ply": vtkPLYReader, "vtp": vtkXMLPolyDataReader}[end](),

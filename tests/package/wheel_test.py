@@ -236,24 +236,25 @@ class SmallWheel(unittest.TestCase):
         self.assertEqual(done.returncode, -signal.SIGABRT)
         self.assertEqual(done.stderr, "isonest: curl_easy_init: the wheel has no libcurl.so.4\n")
 
-    def test_absent_data_are_zeros(self):
-        self.compile("int data[4] = {1, 2, 3, 4}; int other;", self.folder / "libdata.so", "-shared", "-fPIC", "-Wl,-soname,libdata.so")
-        self.compile("extern int data[4]; int use(void) { return data[3]; }", self.folder / "libuse.so", "-shared", "-fPIC",
-                     f"-L{self.folder}", "-ldata")
-        made = self.folder / "absent"
+    def stand_in_for(self, name, code, use):
+        """The library that replaces lib`name`.so, made of `code`, for one made of `use`; and the latter."""
+        real, user = self.folder / f"lib{name}.so", self.folder / f"libuse_{name}.so"
+        self.compile(code, real, "-shared", "-fPIC", f"-Wl,-soname,{real.name}")
+        self.compile(use, user, "-shared", "-fPIC", f"-L{self.folder}", f"-l{name}")
+        made = self.folder / f"absent_{name}"
         made.mkdir()
-        make_wheel.stand_in("libdata.so", [self.folder / "libuse.so"], self.folder / "libdata.so", made)
-        symbols = make_wheel.symbols_of(made / "libdata.so", True)
+        return make_wheel.stand_in(real.name, [user], real, made), user
+
+    def test_absent_data_are_zeros(self):
+        made, user = self.stand_in_for("data", "int data[4] = {1, 2, 3, 4}; int other;",
+                                       "extern int data[4]; int use(void) { return data[3]; }")
+        symbols = make_wheel.symbols_of(made, True)
         self.assertEqual({name: of[2] for name, of in symbols.items()}, {"Zata": 16})
-        self.assertIn("Zata", make_wheel.symbols_of(self.folder / "libuse.so", False))
+        self.assertIn("Zata", make_wheel.symbols_of(user, False))
 
     def test_an_absent_function_can_answer(self):
-        self.compile("int jbg_dec_in(void) { return 0; }", self.folder / "libjbig.so", "-shared", "-fPIC", "-Wl,-soname,libjbig.so")
-        self.compile("int jbg_dec_in(void); int use(void) { return jbg_dec_in(); }", self.folder / "libuse2.so", "-shared", "-fPIC",
-                     f"-L{self.folder}", "-ljbig")
-        made = self.folder / "answers"
-        made.mkdir()
-        library = make_wheel.stand_in("libjbig.so", [self.folder / "libuse2.so"], self.folder / "libjbig.so", made)
+        library, _ = self.stand_in_for("jbig", "int jbg_dec_in(void) { return 0; }",
+                                       "int jbg_dec_in(void); int use(void) { return jbg_dec_in(); }")
         self.assertEqual(ctypes.CDLL(str(library)).Zbg_dec_in(), 1)
 
     def test_a_library_without_a_package_is_refused(self):

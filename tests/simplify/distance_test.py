@@ -12,7 +12,7 @@ import served  # noqa: E402
 
 try:
     import numpy as np
-    from ply import read_points
+    from mesh_data import read_points
 except ImportError:
     print("numpy is not there")
     sys.exit(77)

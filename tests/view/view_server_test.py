@@ -29,7 +29,7 @@ import urllib.parse
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import sanitized  # noqa: E402
 import served  # noqa: E402
-from ply import read_ply  # noqa: E402
+from mesh_data import read_ply  # noqa: E402
 
 import h5py
 import numpy
