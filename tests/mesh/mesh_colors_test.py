@@ -174,6 +174,12 @@ class ColorsTest(unittest.TestCase):
             with self.subTest(words=words[2:]):
                 self.assertIn(said, self.run_program(*words, "-o", path, code=2))
                 self.assertFalse(path.exists())
+        for form in ("neuroglancer", "neuroglancer-multilod", "ply"):
+            folder = self.folder / f"refused-{form}"
+            with self.subTest(form=form):
+                self.assertRegex(self.run_program("extract", self.folder / "labels.npy", "--labels", "all", "--smooth", "--format",
+                                                  form, "--up", "y", "-o", folder, code=2), "--up|y up")
+                self.assertEqual(list(folder.glob("*")), [])
         for end in ("stl", "obj", "vtp", "3mf"):
             with self.subTest(end=end):
                 message = self.run_program("extract", self.ball, "--iso", 7, *values, "--colors", "gray", "-o",

@@ -303,10 +303,11 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
         throw Error(ErrorKind::invalid_argument, {a.mesh},
                     "is not a folder; with --labels, give a folder for the meshes");
     }
-    if (makes_detail_levels(labels) && a.space != MeshSpace::automatic &&
-        a.space != MeshSpace::as_stored) {
+    const bool is_turned = a.space != MeshSpace::automatic && a.space != MeshSpace::as_stored;
+    if (makes_detail_levels(labels) && (is_turned || a.up != UpAxis::z)) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
-                    "--space: meshes for Neuroglancer are always as stored");
+                    fmt::format("{}: meshes for Neuroglancer are always as stored",
+                                is_turned ? "--space" : "--up"));
     }
     const std::vector<Label> chosen =
         chosen_of(find_labels(store, {a.options.memory, a.options.threads}, progress),
