@@ -10,6 +10,7 @@
 #include <isonest/error.h>
 
 #include "query/formats/mesh_files.h"
+#include "store/base/json_text.h"
 
 namespace isonest::detail {
 
@@ -166,22 +167,13 @@ std::string scale_of(std::optional<LengthUnit> unit) {
                              converted_length(1, *unit, LengthUnit::metre));
 }
 
-/// Text between quotes. REQUIRES: no control characters.
-std::string in_json(std::string_view text) {
-    std::string out;
-    for (const char c : text) {
-        out += c == '"' || c == '\\' ? std::string{'\\', c} : std::string{c};
-    }
-    return out;
-}
-
 /// A surface has no inside: it is visible from both sides. Without explicit properties viewers
 /// render it as metal. glTF's colours are linear.
 std::string material_of(const std::string& title, const std::optional<LabelColor>& color) {
     return fmt::format(
-        R"({{"name":"{}","doubleSided":true,"pbrMetallicRoughness":{{"baseColorFactor":)"
+        R"({{"name":{},"doubleSided":true,"pbrMetallicRoughness":{{"baseColorFactor":)"
         R"([{},1],"metallicFactor":0,"roughnessFactor":0.7}}}})",
-        title.empty() ? "surface" : in_json(title),
+        json_string(title.empty() ? "surface" : title),
         color ? fmt::format("{:.6f},{:.6f},{:.6f}", linear_of((*color)[0]), linear_of((*color)[1]),
                             linear_of((*color)[2]))
               : std::string("0.62,0.68,0.76"));
@@ -205,7 +197,7 @@ class GlbFile : public SectionedFile {
                 "\"attributes\":{{{}}},\"indices\":{},\"material\":0,\"mode\":4}}]}}],"
                 "\"materials\":[{}],\"buffers\":[{{"
                 "\"byteLength\":{}}}],\"bufferViews\":[{}],\"accessors\":[{}]}}",
-                title().empty() ? "" : fmt::format(R"(,"name":"{}")", in_json(title())),
+                title().empty() ? "" : fmt::format(R"(,"name":{})", json_string(title())),
                 // A quarter turn about x takes z up to y.
                 is_y_up() ? R"(,"rotation":[-0.70710678118654752,0,0,0.70710678118654752])" : "",
                 scale_of(layout.unit),

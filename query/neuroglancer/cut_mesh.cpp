@@ -50,20 +50,21 @@ void CutMesh::begin(const MeshLayout& layout) {
 void CutMesh::add_elements(const ElementBatch& batch) {
     for (const auto& t : batch.nearby_corners) {
         const auto& p = batch.nearby.positions;
-        const CutPolygon whole(grid_.strips_of(p[t[0]]), grid_.strips_of(p[t[1]]),
-                               grid_.strips_of(p[t[2]]));
-        cut_at_planes(whole, 0, {},
-                      [&](const Int3& strip, const CutPolygon& part) { add(strip, part); });
+        const CutPolygon<Double3> whole(grid_.strips_of(p[t[0]]), grid_.strips_of(p[t[1]]),
+                                        grid_.strips_of(p[t[2]]));
+        cut_at_planes(whole, 0, {}, [&](const Int3& strip, const CutPolygon<Double3>& part) {
+            add(strip, part);
+        });
     }
 }
 
-void CutMesh::add(const Int3& strip, const CutPolygon& polygon) {
+void CutMesh::add(const Int3& strip, const CutPolygon<Double3>& polygon) {
     const int strips = grid_.strips();
     Int3 cell;
     for (int axis = 0; axis < 3; ++axis) {
         cell[axis] = strip[axis] / strips;
     }
-    std::array<CellPoint, CutPolygon::kMax> points{};
+    std::array<CellPoint, CutPolygon<Double3>::kMax> points{};
     for (std::size_t i = 0; i < polygon.size(); ++i) {
         for (std::size_t axis = 0; axis < 3; ++axis) {
             const auto from = static_cast<double>(cell[static_cast<int>(axis)] * strips);

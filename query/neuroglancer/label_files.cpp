@@ -12,6 +12,7 @@
 
 #include "query/neuroglancer/cut_mesh.h"
 #include "query/neuroglancer/encode_fragment.h"
+#include "store/base/json_text.h"
 #include "store/files/output_file.h"
 
 namespace isonest::detail {
@@ -110,18 +111,6 @@ void write_whole(const std::filesystem::path& path, const std::string& text) {
     file.publish_as_named();
 }
 
-/// As a JSON string. `text`: UTF-8 without control characters.
-std::string quoted(const std::string& text) {
-    std::string out = "\"";
-    for (const char c : text) {
-        if (c == '"' || c == '\\') {
-            out += '\\';
-        }
-        out += c;
-    }
-    return out + "\"";
-}
-
 }  // namespace
 
 LabelFiles::LabelFiles(const std::filesystem::path& folder, std::int64_t label,
@@ -216,7 +205,7 @@ void write_segment_properties(const std::filesystem::path& folder,
     for (const LabelName& name : names) {
         const char* const before = ids.empty() ? "" : ", ";
         ids += fmt::format("{}\"{}\"", before, name.id);
-        values += before + quoted(name.name);
+        values += before + json_string(name.name);
     }
     const std::filesystem::path place = folder / "segment_properties";
     std::error_code error;

@@ -2,8 +2,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <filesystem>
 #include <memory>
+#include <optional>
+#include <utility>
+#include <vector>
 
 #include <isonest/error.h>
 #include <isonest/extract.h>
@@ -21,6 +25,7 @@
 #include "tools/cli/options/label_names.h"
 #include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/surface_options.h"
+#include "tools/cli/options/tile_output.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/program.h"
 
@@ -94,21 +99,46 @@ void choose_vertex_colors(ExtractCommand& arguments, const Store& store, const S
     }
 }
 
-ExtractReport run_query(const Store& store, const ExtractCommand& arguments, const Store* values,
-                        Progress& progress) {
+Result run_query(const Store& store, const ExtractCommand& arguments, const Store* values,
+                 Progress& progress) {
     const ExtractArguments& a = arguments.extract;
-    const std::unique_ptr<MeshSink> sink = open_mesh_file(
-        a.mesh, arguments.labels.one
-                    ? label_file_options(store, *arguments.labels.one, a.file_options())
-                    : a.file_options());
+    const MeshFileOptions file =
+        arguments.labels.one ? label_file_options(store, *arguments.labels.one, a.file_options())
+                             : a.file_options();
+    std::optional<std::array<double, 2>> heights;
     if (a.is_graph) {
-        return extract(store, graph_query(arguments, values), *sink, options_of(a), progress);
+        const std::array ends{arguments.scale * store.min_value(),
+                              arguments.scale * store.max_value()};
+        heights = {std::min(ends[0], ends[1]), std::max(ends[0], ends[1])};
     }
-    const SurfaceQuery query = arguments.surface_query(values);
-    return arguments.labels.one
-               ? extract(store, arguments.label_query(query, {*arguments.labels.one}), *sink,
-                         options_of(a), progress)
-               : extract(store, query, *sink, options_of(a), progress);
+    MeshOutput output(a, file, store.reader().layout().header(), {}, heights);
+    ExtractReport report;
+    {
+        const std::unique_ptr<MeshSink> sink = output.sink();
+        const ExtractOptions options = options_of(a);
+        if (a.is_graph) {
+            report = extract(store, graph_query(arguments, values), *sink, options, progress);
+        } else {
+            const SurfaceQuery query = arguments.surface_query(values);
+            report = arguments.labels.one
+                         ? extract(store, arguments.label_query(query, {*arguments.labels.one}),
+                                   *sink, options, progress)
+                         : extract(store, query, *sink, options, progress);
+        }
+    }
+    Result result =
+        result_of({&store, nullptr, store.unit(), store.frame(), {}}, arguments, report);
+    output.finish(report, progress, result);
+    return result;
+}
+
+/// The features of a tileset of several isovalues.
+std::vector<TileFeature> isovalue_features(const ExtractCommand& arguments) {
+    std::vector<TileFeature> features;
+    for (const double isovalue : arguments.isovalues.all) {
+        features.push_back({{}, isovalue, {}, {}});
+    }
+    return features;
 }
 
 /// Writes one mesh per isovalue, or one mesh with all isovalues.
@@ -124,7 +154,13 @@ Result run_isovalues(const Store& store, const ExtractCommand& arguments, const 
     }
     Result all;
     all.json = {{"meshes", Json::array()}};
+    std::vector<ExtractReport> reports(each.size());
+    ExtractReport furthest;  // with the largest distance, if they are simplified
     const auto done = [&](std::size_t i, const ExtractReport& r) {
+        reports[i] = r;
+        if (i == 0 || (r.distance && r.distance->bound > furthest.distance->bound)) {
+            furthest = r;
+        }
         Result result = result_of({&store, nullptr, store.unit(), store.frame(), {}}, each[i], r);
         all.json["meshes"].push_back(std::move(result.json));
         all.text += in_one ? fmt::format("isovalue {} in ", isovalues.texts[i]) : "";
@@ -135,18 +171,29 @@ Result run_isovalues(const Store& store, const ExtractCommand& arguments, const 
     };
     const SurfaceQuery query = arguments.surface_query(values);
     const ExtractOptions options = options_of(arguments.extract);
+    const auto output_of = [&](const ExtractArguments& a, std::vector<TileFeature> features) {
+        return MeshOutput(a, a.file_options(), store.reader().layout().header(),
+                          std::move(features));
+    };
     if (in_one) {
-        require_place_for_isovalue(mesh);
-        const std::unique_ptr<MeshSink> sink =
-            open_mesh_file(mesh, arguments.extract.file_options());
+        if (!makes_tiles(arguments.extract)) {
+            require_place_for_isovalue(mesh);
+        }
+        MeshOutput output = output_of(arguments.extract, isovalue_features(arguments));
+        const std::unique_ptr<MeshSink> sink = output.sink();
         extract_joined(store, isovalues.all, query, *sink, done, options, progress);
-    } else {
-        extract_isovalues(
-            store, isovalues.all, query,
-            [&](std::size_t i) {
-                return open_mesh_file(each[i].extract.mesh, each[i].extract.file_options());
-            },
-            done, options, progress);
+        output.finish(furthest, progress, all);
+        return all;
+    }
+    std::vector<MeshOutput> outputs;
+    for (const ExtractCommand& own : each) {
+        outputs.push_back(output_of(own.extract, {}));
+    }
+    extract_isovalues(
+        store, isovalues.all, query, [&](std::size_t i) { return outputs[i].sink(); }, done,
+        options, progress);
+    for (std::size_t i = 0; i < outputs.size(); ++i) {
+        outputs[i].finish(reports[i], progress, all);
     }
     return all;
 }
@@ -173,8 +220,9 @@ Result extract_store(const Store& store, ExtractCommand arguments, const Store* 
             store, labels, a, arguments.label_query(arguments.surface_query(values), {}), progress);
     }
     if (labels.several) {
-        return extract_label_meshes(
-            store, labels, a, arguments.label_query(arguments.surface_query(values), {}), progress);
+        const LabelQuery query = arguments.label_query(arguments.surface_query(values), {});
+        return makes_tiles(a) ? extract_label_tiles(store, labels, a, query, progress)
+                              : extract_label_meshes(store, labels, a, query, progress);
     }
     if (labels.smooth && !labels.one) {
         throw Error(ErrorKind::invalid_argument,
@@ -193,8 +241,7 @@ Result extract_store(const Store& store, ExtractCommand arguments, const Store* 
     if (has_iso) {
         own.extract.mesh = mesh_name(a.mesh, arguments.isovalues.texts.front());
     }
-    return result_of({&store, nullptr, store.unit(), store.frame(), {}}, own,
-                     run_query(store, own, values, progress));
+    return run_query(store, own, values, progress);
 }
 
 /// Collective; only rank 0 returns the result.
@@ -272,7 +319,7 @@ Result extract_volume(ExtractCommand& arguments, bool has_iso, Progress& progres
                     "--keep-analysis keeps the analysis next to the store: add --keep-store STORE, "
                     "and give STORE as INPUT the next time");
     }
-    if (!arguments.labels.several) {
+    if (!arguments.labels.several && !makes_tiles(a)) {
         check_output(a.mesh, true, volume->files());
     }
     const std::vector<Field> fields = a.is_graph ? fields_needed(graph_query(arguments, nullptr))
@@ -290,8 +337,37 @@ Result extract_volume(ExtractCommand& arguments, bool has_iso, Progress& progres
     return result;
 }
 
+/// Throws Error{invalid_argument} for options that need another format.
+void choose_format(ExtractCommand& arguments) {
+    ExtractArguments& a = arguments.extract;
+    a.tiles = arguments.labels.format == kTiles;
+    if (arguments.labels.has_format && !arguments.labels.several && !a.tiles) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("--format {} needs --labels; otherwise the extension of MESH "
+                                "selects the format",
+                                arguments.labels.format));
+    }
+    if (a.georeference && !a.tiles) {
+        throw Error(ErrorKind::invalid_argument, "--georeference needs --format 3dtiles");
+    }
+    if (!a.tiles) {
+        return;
+    }
+    if (a.up != UpAxis::z) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--up y: in 3D Tiles, z always points up, and viewers know it");
+    }
+    if (arguments.labels.over) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--over needs --format neuroglancer or neuroglancer-multilod");
+    }
+    a.mesh = folder_name(a.mesh);
+    a.normals = a.normals || (!arguments.labels.one && !arguments.labels.several);
+}
+
 Result run(ExtractCommand& arguments, bool has_iso, Communicator* ranks, Progress& progress) {
     require_suitable_cells(arguments.extract);
+    choose_format(arguments);
     if (!arguments.extract.color_map.empty()) {
         attribute_to_color(arguments);
     }
@@ -334,6 +410,10 @@ std::vector<ProgressStage> stages_of(const ExtractCommand& a) {
             }
             stages.push_back({"write mesh", "writing the meshes", 0.5});
         }
+        if (a.labels.format == kTiles) {
+            stages.push_back({"write tiles", "writing tiles", 0.5});
+            stages.push_back({"simplify tiles", "simplifying tiles", 4});
+        }
         return stages;
     }
     if (a.labels.smooth) {
@@ -347,6 +427,11 @@ std::vector<ProgressStage> stages_of(const ExtractCommand& a) {
     }
     if (a.is_simplified()) {
         stages.push_back({"simplify", "simplifying", 5});
+    }
+    if (a.labels.format == kTiles) {
+        stages.push_back({"write tiles", "writing tiles", 0.5});
+        stages.push_back({"simplify tiles", "simplifying tiles", 4});
+        return stages;
     }
     stages.push_back({"write mesh", "writing the mesh", 0.4});
     return stages;
@@ -375,6 +460,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
                      "isonest extract https://example.org/scan.isonest --iso 120 -o full.ply\n"
                      "isonest extract organs.isonest --label liver --smooth -o liver.glb\n"
                      "isonest extract cells.isonest --labels all --smooth -o meshes\n"
+                     "isonest extract scan.isonest --iso 120 --format 3dtiles -o site\n"
                      "isonest extract map.isonest --graph --scale 3 --error 5 -o relief.glb"});
     add_input_options(c, a->in, false);
     add_extract_options(c, a->extract);
@@ -412,6 +498,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
         {"--iso", "--error", "--error-relative", "--stop", "--focus", "--camera", "--graph",
          "--bound", "--view", "--vertices", "--keep-analysis", "--volume-interval"});
     add_space_options(c, a->extract);
+    add_tile_options(c, a->extract);
     c->add_option("--colors", a->extract.color_map);
     add_parsed(c, "--range", [a](const std::string& text) {
         a->extract.color_range = parse_range(text);

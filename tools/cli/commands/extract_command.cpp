@@ -16,6 +16,7 @@
 #include "tools/cli/options/label_names.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/surface_options.h"
+#include "tools/cli/options/tile_output.h"
 #include "tools/cli/options/units.h"
 
 namespace isonest::detail::cli {
@@ -112,14 +113,15 @@ Result extract_from_volume(VolumeSource& volume, ExtractCommand arguments, Progr
     const VolumeDescription description = volume.describe();
     arguments.distance.resolve(description.unit, description.name);
     const SurfaceQuery query = arguments.surface_query(nullptr);
-    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, a.file_options());
-    const ExtractReport report = isonest::extract(volume, query, *sink, options, progress);
+    MeshOutput output(a, a.file_options(), header_of(description));
+    const ExtractReport report = isonest::extract(volume, query, *output.sink(), options, progress);
     ExtractOrigin origin{nullptr, &volume, description.unit, description.frame, {}};
     if (report.triangles == 0) {
         origin.why_empty = empty_volume(volume, arguments.in, query.iso, options, progress);
     }
     Result result = result_of(origin, arguments, report);
     add_fetched(volume, result);
+    output.finish(report, progress, result);
     return result;
 }
 

@@ -412,7 +412,8 @@ std::string version_text(const std::string& mesh) {
 
 std::string extract_warning(const ExtractArguments& a, const ExtractReport& r) {
     constexpr double kNoticeable = 0.01;
-    std::string warning = leftovers_of(a.mesh);
+    // Those of tiles are known when the folder is complete (MeshOutput::finish()).
+    std::string warning = a.tiles ? "" : leftovers_of(a.mesh);
     if (r.triangles > 0 && r.coordinate_rounding > kNoticeable) {
         warning += warning.empty() ? "" : "\n";
         warning += fmt::format(

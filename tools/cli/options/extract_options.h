@@ -9,6 +9,7 @@
 #include <isonest/extract.h>
 #include <isonest/field.h>
 #include <isonest/mesh_file.h>
+#include <isonest/tileset.h>
 
 #include "tools/cli/program.h"
 
@@ -49,6 +50,8 @@ struct ExtractArguments {
     std::string color_map = {};              ///< for colours of vertices; empty: none
     std::optional<std::array<double, 2>> color_range = {};
     std::optional<VertexColors> vertex_colors = {};  ///< set by choose_colors()
+    bool tiles = false;                              ///< write 3D Tiles to the folder `mesh`
+    std::optional<Georeference> georeference = {};   ///< of the tiles
 
     /// Options for writing the mesh file.
     [[nodiscard]] MeshFileOptions file_options() const {

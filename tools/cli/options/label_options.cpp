@@ -18,6 +18,7 @@
 #include "store/files/output_file.h"
 #include "tools/cli/options/label_names.h"
 #include "tools/cli/options/surface_options.h"
+#include "tools/cli/options/tile_output.h"
 #include "tools/cli/options/units.h"
 
 namespace isonest::detail::cli {
@@ -28,8 +29,8 @@ namespace fs = std::filesystem;
 constexpr std::int64_t kMaxLabel = (std::int64_t{1} << 62U) - 1;
 constexpr const char* kNeuroglancer = "neuroglancer";
 constexpr const char* kDetails = "neuroglancer-multilod";
-constexpr std::array kFormats{"ply", "stl", "obj",         "vtp",   "vtkhdf",
-                              "glb", "3mf", kNeuroglancer, kDetails};
+constexpr std::array kFormats{"ply", "stl", "obj",         "vtp",    "vtkhdf",
+                              "glb", "3mf", kNeuroglancer, kDetails, kTiles};
 
 /// Parses "all", "3,7,12-20" or "liver,spleen". Items that are not numbers are appended to `names`.
 std::vector<std::pair<std::int64_t, std::int64_t>> parse_labels(const std::string& text,
@@ -215,19 +216,16 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
     c->add_flag("--keep-nodes", a.keep_nodes);
     CLI::Option* const interfaces = c->add_flag("--interfaces", a.interfaces);
     interfaces->needs(several);
-    add_parsed(c, "--format",
-               [&a](const std::string& text) {
-                   if (std::find(kFormats.begin(), kFormats.end(), text) == kFormats.end()) {
-                       throw Error(
-                           ErrorKind::invalid_argument,
-                           fmt::format("--format '{}': give one of ply, stl, obj, vtp, vtkhdf, "
-                                       "glb, 3mf, neuroglancer, neuroglancer-multilod",
-                                       text));
-                   }
-                   a.format = text;
-               })
-        ->needs(several)
-        ->excludes(interfaces);
+    add_parsed(c, "--format", [&a](const std::string& text) {
+        if (std::find(kFormats.begin(), kFormats.end(), text) == kFormats.end()) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("--format '{}': give one of ply, stl, obj, vtp, vtkhdf, "
+                                    "glb, 3mf, neuroglancer, neuroglancer-multilod, 3dtiles",
+                                    text));
+        }
+        a.format = text;
+        a.has_format = true;
+    })->excludes(interfaces);
     add_parsed(c, "--over",
                [&a](const std::string& text) {
                    if (text != "zarr" && text != "precomputed") {
@@ -412,6 +410,56 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
             components->components, components->dropped, components->dropped_triangles,
             components->largest_dropped);
     }
+    return result;
+}
+
+Result extract_label_tiles(const Store& store, const LabelArguments& labels,
+                           const ExtractArguments& a, const LabelQuery& query, Progress& progress) {
+    const std::vector<Label> chosen =
+        chosen_of(find_labels(store, {a.options.memory, a.options.threads}, progress),
+                  *labels.several, a.store);
+    std::vector<TileFeature> features;
+    for (const Label& label : chosen) {
+        const LabelName name = store.label_name(label.id).value_or(LabelName{});
+        features.push_back({label.id, {}, name.name, name.color});
+    }
+    MeshOutput output(a, a.file_options(), store.reader().layout().header(), std::move(features));
+    const auto place_of = [&](std::int64_t id) {
+        const auto at = std::lower_bound(chosen.begin(), chosen.end(), id,
+                                         [](const Label& l, std::int64_t i) { return l.id < i; });
+        return static_cast<std::size_t>(at - chosen.begin());
+    };
+    std::vector<ExtractReport> reports(chosen.size());
+    extract_labels(
+        store, chosen, query, [&](const Label& label) { return output.sink(place_of(label.id)); },
+        [&](std::size_t i, const ExtractReport& report) {
+            reports[i] = report;
+            if (reports[i].smooth) {
+                reports[i].smooth->neighbours = {};
+            }
+        },
+        options_of(a), progress);
+    Result result;
+    Json list = Json::array();
+    std::uint64_t triangles = 0;
+    ExtractReport furthest;
+    for (std::size_t i = 0; i < chosen.size(); ++i) {
+        list.push_back(json_of(store, chosen[i], reports[i], a.mesh));
+        triangles += reports[i].triangles;
+        if (i == 0 || (reports[i].distance && furthest.distance &&
+                       reports[i].distance->bound > furthest.distance->bound)) {
+            furthest = reports[i];
+        }
+    }
+    result.json = {{"folder", a.mesh}, {"unit", unit_json(store.unit())}};
+    add_space_json(store.frame(), a, a.mesh, result.json);
+    result.json["labels"] = std::move(list);
+    result.text = fmt::format("{}: {} labels, {} triangles\n{}", a.mesh, chosen.size(), triangles,
+                              space_line(store.frame(), a, a.mesh));
+    if (furthest.smooth) {
+        result.text += smooth_text(*furthest.smooth) + "\n";
+    }
+    output.finish(furthest, progress, result);
     return result;
 }
 

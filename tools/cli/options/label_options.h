@@ -23,7 +23,8 @@ struct LabelArguments {
     /// resolve_label_names().
     std::optional<std::string> one_name = {};
     std::vector<std::string> several_names = {};
-    std::string format = "ply";
+    std::string format = "ply";  ///< also the format of an isovalue's tiles
+    bool has_format = false;     ///< it was given
     /// --over: origin of the volume over which Neuroglancer shows the meshes.
     std::optional<VoxelOrigin> over = {};
     std::optional<LabelSmoothing> smooth = {};
@@ -55,6 +56,10 @@ void add_smooth_json(const SmoothReport& r, Json& json);
 /// labels.several.
 Result extract_label_meshes(const Store& store, const LabelArguments& labels,
                             const ExtractArguments& a, const LabelQuery& query, Progress& progress);
+
+/// Writes the labels as features of one tileset. REQUIRES: labels.several, a.tiles.
+Result extract_label_tiles(const Store& store, const LabelArguments& labels,
+                           const ExtractArguments& a, const LabelQuery& query, Progress& progress);
 
 /// Writes the interfaces of the labels as one mesh, a.mesh. REQUIRES: labels.several.
 Result extract_label_interfaces(const Store& store, const LabelArguments& labels,

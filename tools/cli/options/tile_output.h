@@ -1,0 +1,56 @@
+// Where extract writes surfaces: a mesh file, or a folder of 3D Tiles.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <isonest/extract_report.h>
+#include <isonest/mesh_file.h>
+#include <isonest/tileset.h>
+
+#include "store/container/format.h"
+#include "tools/cli/options/extract_options.h"
+#include "tools/cli/program.h"
+
+namespace isonest::detail::cli {
+
+/// The format's name in --format.
+inline constexpr const char* kTiles = "3dtiles";
+
+/// Adds --georeference.
+void add_tile_options(CLI::App* command, ExtractArguments& a);
+
+/// Whether the surface is written as tiles.
+inline bool makes_tiles(const ExtractArguments& a) {
+    return a.tiles;
+}
+
+/// The name of a folder without slashes at its end, so that its parent folder is known.
+std::string folder_name(std::string name);
+
+/// One output of an extraction.
+class MeshOutput {
+  public:
+    /// `file`: for a mesh file; the title and the colours also for tiles. `header`: the volume's.
+    /// `features`: the surfaces of a tileset, if there are several. `heights`: of a graph, the
+    /// smallest and the largest. Throws as open_mesh_file() and Tileset.
+    MeshOutput(const ExtractArguments& a, const MeshFileOptions& file, const StoreHeader& header,
+               std::vector<TileFeature> features = {},
+               std::optional<std::array<double, 2>> heights = {});
+
+    /// The destination of the only mesh, or of that of a feature.
+    std::unique_ptr<MeshSink> sink(std::size_t feature = 0);
+    /// After the extraction: writes the tiles, and adds what was written to the result. `r`: the
+    /// report on the mesh; if there are several, any of them with the largest distance.
+    void finish(const ExtractReport& r, Progress& progress, Result& result);
+
+  private:
+    std::string mesh_;
+    MeshFileOptions file_;
+    std::string unit_;
+    std::unique_ptr<Tileset> tileset_;  ///< null: a mesh file
+};
+
+}  // namespace isonest::detail::cli
