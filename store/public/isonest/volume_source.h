@@ -63,7 +63,7 @@ class VolumeSource {
                       std::byte* dst) = 0;
 
     /// A hint: from the next read() on, these rows of these planes will be read, in pieces and in
-    /// ascending order. Replaces the previous hint and returns at once. REQUIRES: as read().
+    /// ascending order. Replaces the previous hint and returns at once. REQUIRES: as for read().
     virtual void will_read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny) {
         static_cast<void>(z0), static_cast<void>(nz);
         static_cast<void>(y0), static_cast<void>(ny);

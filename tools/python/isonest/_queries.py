@@ -196,7 +196,7 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 
 
 def renew(keywords: "dict[str, Any]") -> "dict[str, Any]":
-    """Keywords with names of isonest 0.4 as they are called now, with a DeprecationWarning for each."""
+    """Converts keywords of isonest 0.4 to their current names, with a DeprecationWarning for each."""
     renewed = dict(keywords)
 
     def old(name: str, instead: str) -> Any:
@@ -225,7 +225,7 @@ def with_old_names(method: _F) -> _F:
 
 
 def with_ways(name: str) -> Callable[[_F], _F]:
-    """Makes a method answer unknown keywords with the way to do it, by the name that its callers know."""
+    """Makes a method suggest alternatives to unknown keywords; `name` is the name that its callers know."""
     def wrap(method: _F) -> _F:
         known = inspect.signature(method).parameters.keys() - {"self"}
 
