@@ -41,7 +41,7 @@ constexpr std::int64_t kMaxLayers = 16;  ///< per slab
 /// A slab's vertices use at most three quarters of the 32-bit numbers.
 constexpr std::int64_t kMaxNodes = std::int64_t{1} << 29U;
 
-/// Memory of slabs with so many layers.
+/// Memory of slabs with this many layers.
 struct SlabNeeds {
     std::uint64_t all;   ///< fixed part, bytes
     std::uint64_t each;  ///< bytes per concurrent slab

@@ -237,7 +237,7 @@ class SmallWheel(unittest.TestCase):
         self.assertEqual(done.stderr, "isonest: curl_easy_init: the wheel has no libcurl.so.4\n")
 
     def stand_in_for(self, name, code, use):
-        """The library that replaces lib`name`.so, made of `code`, for one made of `use`; and the latter."""
+        """Returns a stand-in for lib`name`.so, made from `code`, and the library made from `use` that calls it."""
         real, user = self.folder / f"lib{name}.so", self.folder / f"libuse_{name}.so"
         self.compile(code, real, "-shared", "-fPIC", f"-Wl,-soname,{real.name}")
         self.compile(use, user, "-shared", "-fPIC", f"-L{self.folder}", f"-l{name}")

@@ -96,7 +96,7 @@ class VolumeSource {
     /// labels. preprocess() rejects those that a store cannot hold (label_name.h).
     [[nodiscard]] virtual std::vector<LabelName> label_names() const { return {}; }
 
-    /// What was fetched of a remote volume since it was opened; all 0 for other sources.
+    /// What was fetched from a remote volume since it was opened; all 0 for other sources.
     [[nodiscard]] virtual FetchedCounts fetched() const { return {}; }
 
     /// One line that says why RemoteAccess::cache is off, or why nothing is added to it. Empty: it

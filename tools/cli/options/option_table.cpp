@@ -183,7 +183,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--missing", kReading, "V", "this value means missing data, as NaN does", "missing: float"},
     {"preprocess info check", "--labels", kReading, "", "values are labels: whole numbers, with names", "labels: bool"},
     {"", "--label-names", kReading, "FILE", "names and colours (FreeSurfer, Slicer, ITK-SNAP)", "label_names: Path"},
-    {"", "--keep-store", kReading, "STORE", "keep the store that is made of a volume", "(the function isonest.preprocess)"},
+    {"", "--keep-store", kReading, "STORE", "keep the store that is made from a volume", "(the function isonest.preprocess)"},
     {"", "--header", kNetwork, "HEADER", "sent with each request: 'Name: value', or @FILE", "headers: Headers"},
     {"", "--cache", kNetwork, "FOLDER[:SIZE]", "keep what was fetched here, up to SIZE [1G]", "cache: Path"},
 

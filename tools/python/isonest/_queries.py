@@ -184,7 +184,7 @@ def isovalue(iso: Any, level: Any) -> Any:
 
 OF_MARCHING_CUBES = {
     "method": "there is one method: leave it out",
-    "mask": "it is for isonest.isosurface() with an array; a store can be made of np.ma.masked_array(volume, ~mask)",
+    "mask": "it is for isonest.isosurface() with an array; a store can be made from np.ma.masked_array(volume, ~mask)",
     "step_size": "it is for isonest.isosurface(); of a store, error= and distance= make smaller meshes, within a bound",
     "allow_degenerate": "leave it out: no triangle has an area of 0, except for report.zero_area_triangles",
     "spacing": "it is given to isonest.preprocess()",
