@@ -284,7 +284,7 @@ test("a turned volume: planes along its own axes, and RAS or LPS", async () => {
   assert.deepEqual(turned.values, image.values);
   one.close();
   const other = await open(store);
-  assert.match((await problem(other.surface({ iso: 0.5, space: "ras" }))).message, /does not say/);
+  assert.match((await problem(other.surface({ iso: 0.5, space: "ras" }))).message, /patient axes .* unknown/);
   other.close();
 });
 
