@@ -131,7 +131,7 @@ void OwnIndicators::evaluate(std::size_t which, std::span<const RefinementNode> 
     if (nodes.empty()) {
         return;
     }
-    // Whatever the function does not write is noticed.
+    // Detects entries that the function does not write.
     std::fill(eta.begin(), eta.end(), std::numeric_limits<double>::quiet_NaN());
     const OwnIndicator& indicator = indicators_[which];
     indicator.eta(nodes, eta);

@@ -34,12 +34,12 @@ const std::vector<std::string>& synthetic_names();
 std::unique_ptr<SyntheticVolume> make_synthetic(const std::string& name, const Int3& nodes,
                                                 std::uint64_t seed);
 
-// A time step of the separation of two fluids, as the paper's section 6 has one.
+// A time step of the separation of two fluids, as in section 6 of the paper.
 
 /// The concentration u, -1 to 1, of the Cahn-Hilliard equation
 ///   du/dt = laplace(u^3 - u - laplace(u) / 2)
-/// after 200 units of time from small noise, on a square with mirrored borders, one node a unit;
-/// every plane of a volume is the same. Made at once in memory (24 bytes a node of a plane), by
+/// after 200 units of time from small noise, on a square with mirrored borders, one node per unit;
+/// every plane of a volume is the same. Made at once in memory (24 bytes per node of a plane), by
 /// explicit Euler steps. Throws Error{limit} beyond 4096 x 4096 nodes.
 std::unique_ptr<SyntheticVolume> make_cahn_hilliard(const Int3& nodes, std::uint64_t seed);
 

@@ -139,7 +139,7 @@ class PlacedVertices {
 /// Stored in a temporary file. Thread-safety: touches() from any thread, the rest from one.
 class TouchedTriangles {
   public:
-    /// For a mesh of so many vertices. `vertices`: sorted by place. Throws Error{io}.
+    /// For a mesh of this many vertices. `vertices`: sorted by place. Throws Error{io}.
     TouchedTriangles(std::span<const PlacedVertex> vertices, std::uint64_t mesh_vertices,
                      const ScratchFolder& folder);
 

@@ -414,9 +414,9 @@ ExtractQuery extract_query(const VolumeDescription& volume, const SurfaceQuery& 
     require_combination(features, volume.name);
     if (needs_store(volume, query)) {
         throw Error(ErrorKind::invalid_argument, {volume.name},
-                    "errors, fields, several resolutions and values at the vertices are those of a "
-                    "store; a volume gives the surface at full resolution, or simplified within a "
-                    "distance or to a number of triangles",
+                    "errors, fields, several resolutions and vertex values need a store; directly "
+                    "from a volume, a surface can be extracted at full resolution, or simplified "
+                    "within a distance or to a number of triangles",
                     {{RemedyKind::make_store}});
     }
     require_marchable(volume, query.iso);

@@ -118,7 +118,7 @@ struct MeshPlace {
     [[nodiscard]] PatchBox faces() const { return faces_of(box); }
 };
 
-/// For an extraction from a volume of so many nodes.
+/// For an extraction from a volume of this many nodes.
 MeshPlace mesh_place(const ExtractQuery& query, const Int3& nodes);
 
 /// All memory that a call may use, for a store or volume of this name.

@@ -43,7 +43,7 @@ ExtractReport extract_within_triangle_budget(const Store& store, const SurfaceQu
 
 // From the query to parts: the traversal that a product needs.
 
-/// Distribution of the memory of a query's traversal, for so many concurrent isovalues. Throws
+/// Distribution of the memory of a query's traversal, for this many concurrent isovalues. Throws
 /// Error{limit} if there is too little.
 TraversalBudget parts_budget(const StoreReader& store, const ExtractQuery& query,
                              const MemoryShare& memory, std::uint64_t isovalues);

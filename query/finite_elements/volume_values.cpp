@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::uint64_t kSlab = std::uint64_t{8} << 20U;  ///< bytes of input read at once
 
-/// Planes per slab, a multiple of `multiple` if there are so many.
+/// Planes per slab, a multiple of `multiple` if there are that many.
 std::int64_t planes_at_once(const VolumeDescription& d, std::int64_t multiple) {
     const auto plane = static_cast<std::uint64_t>(d.nodes.x * d.nodes.y) * size_of(d.type);
     const auto fit = static_cast<std::int64_t>(std::max<std::uint64_t>(1, kSlab / plane));

@@ -400,7 +400,7 @@ void SectionedFile::include(std::string_view loose_ends) {
 void SectionedFile::end() {
     if (!base64_.is_complete()) {
         throw Error(ErrorKind::invalid_argument, {path().string()},
-                    "some rows of the mesh did not come");
+                    "some rows of the mesh were never written");
     }
     MeshFile::end();
 }
@@ -454,11 +454,11 @@ std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
         if (format.extension == end) {
             if (options.shift != Double3{} && end != ".ngmesh") {
                 throw Error(ErrorKind::invalid_argument, {path.string()},
-                            "only meshes in .ngmesh are moved");
+                            "only .ngmesh files can be shifted");
             }
             if (options.up == UpAxis::y && end != ".glb" && end != ".obj") {
                 throw Error(ErrorKind::invalid_argument, {path.string()},
-                            "only meshes in .glb and .obj can have y up");
+                            "only .glb and .obj files can have y up");
             }
             return format.open(path, options);
         }
@@ -480,11 +480,11 @@ AnatomicalFrame frame_in_file(AnatomicalFrame frame, MeshSpace space,
     const AnatomicalFrame wanted =
         space == MeshSpace::lps ? AnatomicalFrame::lps : AnatomicalFrame::ras;
     if (frame == AnatomicalFrame::unknown) {
-        throw Error(ErrorKind::invalid_argument, {path.string()},
-                    fmt::format("it cannot be written in {}: nothing says what the volume's axes "
-                                "are in a patient",
-                                name_of(wanted)),
-                    {{RemedyKind::place_in_world, "frame"}, {RemedyKind::preprocess_again}});
+        throw Error(
+            ErrorKind::invalid_argument, {path.string()},
+            fmt::format("cannot be written in {}: the patient axes of the volume are unknown",
+                        name_of(wanted)),
+            {{RemedyKind::place_in_world, "frame"}, {RemedyKind::preprocess_again}});
     }
     return wanted;
 }
@@ -494,17 +494,17 @@ void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem
     frame_in_file(layout.frame, options_.space, path_);
     if (layout.corners == 2 && !holds_lines()) {
         throw Error(ErrorKind::invalid_argument, {path_.string()},
-                    "lines are written as .vtp or .obj");
+                    "lines can only be written as .vtp or .obj");
     }
     if (options_.colors && !holds_colors()) {
         throw Error(ErrorKind::invalid_argument, {path_.string()},
-                    "vertices with colours are written as .glb or .ply");
+                    "vertex colours can only be written to .glb or .ply");
     }
     const VertexAttribute* const colored =
         options_.colors ? layout.find(options_.colors->attribute) : nullptr;
     if (options_.colors && (colored == nullptr || colored->components != 1)) {
         throw Error(ErrorKind::invalid_argument, {path_.string()},
-                    fmt::format("the mesh has no number {} at its vertices to choose colours by",
+                    fmt::format("the mesh has no scalar vertex attribute {} to colour by",
                                 options_.colors->attribute));
     }
     if (options_.colors && !(options_.colors->low < options_.colors->high)) {
@@ -513,8 +513,8 @@ void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem
     }
     if (layout.has_sides && !holds_sides()) {
         throw Error(ErrorKind::invalid_argument, {path_.string()},
-                    "interfaces, triangles with the labels on both sides, are written as .vtp, "
-                    ".vtkhdf or .ply");
+                    "interfaces (triangles with the labels on both sides) can only be written as "
+                    ".vtp, .vtkhdf or .ply");
     }
 }
 

@@ -56,7 +56,7 @@ class FinestCrossing {
     [[nodiscard]] Edge finest(Edge edge);
     /// Releases all chunks.
     void leave() { nodes_.leave(); }
-    /// Maximum number of chunks of values held at a time, in a store with so many levels.
+    /// Maximum number of chunks of values held at a time, in a store with this many levels.
     static std::uint64_t max_chunks(int levels) { return static_cast<std::uint64_t>(levels); }
 
   private:

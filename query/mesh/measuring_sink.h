@@ -144,7 +144,7 @@ class MeasuringSink : public MeshSink {
     /// Adds what another one has measured of the same mesh.
     void include(std::string_view sums);
 
-    // Results. Valid after end(), or if no mesh came.
+    // Results. Valid after end(), or if there was no mesh.
 
     [[nodiscard]] SurfaceMeasures measures() const { return sums_.measures(); }
     /// Present if requested.

@@ -117,7 +117,7 @@ std::vector<std::byte> encode_fragment(std::span<const CellTriangle> triangles) 
         bytes = packed(mesh, draco::MESH_SEQUENTIAL_ENCODING);
     }
     if (bytes.empty()) {
-        throw Error(ErrorKind::unsupported, "Draco does not pack the mesh of a cell");
+        throw Error(ErrorKind::unsupported, "Draco cannot encode the mesh of a cell");
     }
     return bytes;
 }

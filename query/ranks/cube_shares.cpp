@@ -172,7 +172,7 @@ Numbers all_counts(Communicator& ranks, const Groups& groups, const CubeCounts& 
     return numbers_of(text);
 }
 
-/// The starts of the shares of so many ranks, and the end. A group belongs to the share that
+/// The starts of the shares of this many ranks, and the end. A group belongs to the share that
 /// contains its middle, by the number of counted cubes.
 Numbers borders_of(const Groups& groups, const Numbers& counts, std::uint64_t ranks) {
     Numbers borders(ranks + 1, CubeShare::kEnd);

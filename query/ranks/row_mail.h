@@ -80,7 +80,7 @@ class RowFile {
     std::uint64_t count_ = 0;  ///< in the file
 };
 
-/// Sends a number from every rank to every other one. Returns the numbers received, by rank; the
+/// Sends a number from every rank to every other one. Returns the numbers received, by rank; its
 /// own one unchanged. Collective.
 inline std::vector<std::uint64_t> told_by_all(Communicator& ranks,
                                               std::span<const std::uint64_t> to) {

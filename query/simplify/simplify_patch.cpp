@@ -19,7 +19,7 @@ constexpr std::uint32_t kNoPlace = std::numeric_limits<std::uint32_t>::max();
 
 /// Edges with a larger estimate, as a multiple of the limit, are not tried. Trying them leaves a
 /// tenth to a third fewer triangles and takes longer by the same proportion, because most of them
-/// are measured in vain.
+/// are measured needlessly.
 constexpr double kFurthestMeasured = 1;
 
 /// If more fine triangles than this are concerned, the projection is tried first; with more than

@@ -22,7 +22,7 @@ namespace isonest::detail {
 
 // The side of the isovalue for the nodes of a row, one bit each.
 
-/// Number of 64-bit words for a row of so many nodes.
+/// Number of 64-bit words for a row of this many nodes.
 constexpr std::size_t words_of(std::int64_t nodes) {
     return static_cast<std::size_t>((nodes + 63) / 64);
 }

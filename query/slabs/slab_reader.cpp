@@ -41,7 +41,7 @@ constexpr std::int64_t kMaxLayers = 16;  ///< per slab
 /// A slab's vertices use at most three quarters of the 32-bit numbers.
 constexpr std::int64_t kMaxNodes = std::int64_t{1} << 29U;
 
-/// Memory of slabs with so many layers.
+/// Memory of slabs with this many layers.
 struct SlabNeeds {
     std::uint64_t all;   ///< fixed part, bytes
     std::uint64_t each;  ///< bytes per concurrent slab
@@ -78,15 +78,15 @@ void require_marchable(const VolumeDescription& volume, double iso) {
     }
     if (volume.labels) {
         throw Error(ErrorKind::unsupported, {volume.name},
-                    "its values are labels of 64 bits, of which a store knows the surfaces",
+                    "its values are 64-bit labels, whose surfaces need a store",
                     {{RemedyKind::make_store}});
     }
     for (int axis = 0; axis < 3; ++axis) {
         const double most = largest_coordinate(n, header_of(volume).steps(), volume.origin, axis);
         if (!(most <= static_cast<double>(std::numeric_limits<float>::max()))) {
             throw Error(ErrorKind::limit, {volume.name},
-                        fmt::format("the volume reaches {} = {:.6g}, and a mesh's 32-bit floats "
-                                    "end before",
+                        fmt::format("the volume reaches {} = {:.6g}, beyond the range of a mesh's "
+                                    "32-bit floats",
                                     "xyz"[axis], most),
                         {{RemedyKind::place_in_world, "spacing,origin"}});
         }

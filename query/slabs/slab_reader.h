@@ -161,7 +161,7 @@ class SlabReader {
     /// volume throws.
     SlabPlanes read(const Slab& layers);
 
-    /// Heap of the reader, and of each of its results, for slabs of so many layers, bytes.
+    /// Heap of the reader, and of each of its results, for slabs of this many layers, bytes.
     [[nodiscard]] std::uint64_t own_bytes(std::int64_t layers) const;
     [[nodiscard]] std::uint64_t slab_bytes(std::int64_t layers) const;
 
@@ -186,7 +186,7 @@ struct ValueRange {
     void add(const ValueRange& other);
 };
 
-/// For planes [begin, end) of a volume of so many nodes. REQUIRES: the planes are available.
+/// For planes [begin, end) of a volume of this many nodes. REQUIRES: the planes are available.
 ValueRange range_of(ValueType type, const SlabPlanes& planes, const Int3& nodes, std::int64_t begin,
                     std::int64_t end);
 

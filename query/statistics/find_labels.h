@@ -45,7 +45,7 @@ inline void require_missing(double value, const std::string& name) {
     if (std::isfinite(value)) {
         throw Error(
             ErrorKind::unsupported, {name},
-            fmt::format("the value {} is no label: labels are whole numbers up to 2^53", value));
+            fmt::format("the value {} is not a label: labels are integers up to 2^53", value));
     }
 }
 

@@ -116,8 +116,8 @@ void require_suited(const StoreLayout& layout, const StudyOptions& options, cons
     const bool computed = std::holds_alternative<ComputedField>(field);
     if (!suit_cells(layout, options) || (computed && options.iso)) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} is a field of hexahedral or quadrilateral cells, for which "
-                                "there is no study of {}",
+                    fmt::format("{} is a field of hexahedral or quadrilateral cells, which do not "
+                                "support a study of {}",
                                 name_of(field),
                                 options.plane    ? "a slice"
                                 : options.power  ? "the norms of the gradient"
@@ -143,7 +143,7 @@ void require_sense(const StoreLayout& layout, const StudyOptions& options) {
     }
     if (options.steps < 2 || !(options.least > 0) || !(options.least < 1)) {
         throw Error(ErrorKind::invalid_argument,
-                    "a study needs at least 2 thresholds, and the least one between 0 and 1");
+                    "a study needs at least 2 thresholds, the smallest between 0 and 1");
     }
     if (options.plane && layout.lattice().dimension() != 3) {
         throw Error(ErrorKind::invalid_argument,
@@ -151,18 +151,20 @@ void require_sense(const StoreLayout& layout, const StudyOptions& options) {
     }
     if (options.power && !(*options.power >= 1 && *options.power <= kMaxPower)) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("the power of a norm lies between 1 and {}", kMaxPower));
+                    fmt::format("the power of a norm must be between 1 and {}", kMaxPower));
     }
     if (options.plane && (options.power || options.graphs)) {
-        throw Error(ErrorKind::invalid_argument,
-                    "the norms of the gradient and the distance of graphs are the whole volume's");
+        throw Error(
+            ErrorKind::invalid_argument,
+            "the norms of the gradient and the distance of graphs are computed only for the "
+            "whole volume");
     }
     if ((options.power || options.graphs) && layout.lattice().dimension() == 0) {
         throw Error(ErrorKind::invalid_argument, "a single node has no elements");
     }
     if (options.plane && options.iso) {
         throw Error(ErrorKind::invalid_argument,
-                    "a study counts either what a slice visits or what an isosurface does");
+                    "a study is either of a slice or of an isosurface, not both");
     }
 }
 

@@ -43,9 +43,9 @@ std::string_view type_of_values(const StoreHeader& header) {
 void require_numbers(const StoreReader& store, std::string_view what) {
     if (store.layout().header().labels) {
         throw Error(ErrorKind::unsupported, {store.path().string()},
-                    fmt::format("its values are labels of 64 bits, and {} would calculate with "
-                                "them as with numbers; export the values, which are written as "
-                                "int64, or extract the surfaces of labels",
+                    fmt::format("its values are 64-bit labels, and {} would treat them as "
+                                "quantities; export the values, which are written as int64, or "
+                                "extract the surfaces of labels",
                                 what));
     }
 }

@@ -380,8 +380,7 @@ void read_values(const Store& store, int level, const NodeBox& box, std::span<T>
         using From = typename decltype(tag)::type;
         if (!detail::can_hold<T, From>(labels)) {
             throw Error(ErrorKind::invalid_argument, {store.path().string()},
-                        fmt::format("its values are {}, which cannot be read as numbers of the "
-                                    "type asked for",
+                        fmt::format("its values are {}, which the requested type cannot hold",
                                     detail::type_of_values(reader.layout().header())));
         }
         if constexpr (std::is_same_v<T, From> || std::is_same_v<T, double> ||

@@ -225,7 +225,7 @@ PolyDataArrays find_polydata(const std::filesystem::path& path) {
     auto ends = root.valid() ? find_array(root.get(), "Polygons/Offsets") : std::nullopt;
     if (!points || !corners || !ends || !ends->integers || points->integers || !corners->integers) {
         throw Error(ErrorKind::unsupported, {path.string()},
-                    "of VTKHDF files, polygons whose arrays are contiguous and little endian are "
+                    "only VTKHDF files of polygons with contiguous little-endian arrays can be "
                     "read");
     }
     // The offsets begin with a 0.

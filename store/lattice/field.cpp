@@ -117,7 +117,7 @@ bool is_own_name(std::string_view name) {
            });
 }
 
-/// The field whose name in the table, by `name_in`, is `name`, or the own one of that name.
+/// The field with this name: one of the library, named by `name_in`, or an own indicator's.
 template <class NameIn>
 std::optional<Field> find_field(std::string_view name, const NameIn& name_in) {
     for (std::size_t s = 0; s < 2 && name.starts_with(kOwnPrefix); ++s) {

@@ -381,7 +381,7 @@ TEST_CASE("Queries that need a store are refused, and the message says how to ma
     }
     FunctionVolume<float> flat({9, 1, 9}, ball);
     MeshCollector mesh;
-    CHECK_THROWS_WITH(extract_volume(flat, at(0.25), mesh), Catch::Contains("those of a store"));
+    CHECK_THROWS_WITH(extract_volume(flat, at(0.25), mesh), Catch::Contains("need a store"));
     CHECK_FALSE(march_memory(flat, at(0.25)));
 }
 

@@ -237,7 +237,7 @@ class Histogram(unittest.TestCase):
     def test_damaged_stores_are_errors(self):
         for bad in sorted(GOLDEN.glob("2.3-*.store")):
             done = run("info", bad, "--histogram")
-            # 2: without the attribute that marks it as a store, the file has several volumes.
+            # Exit code 2: without the attribute that marks it as a store, the file has several volumes.
             self.assertIn(done.returncode, (0, 2, 4, 5) if "no-store" in bad.name else (0, 4, 5), (bad, done.stderr))
         whole = self.ball.read_bytes()
         with h5py.File(self.ball) as file:

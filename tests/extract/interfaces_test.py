@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Interfaces of labels: each occurs once, with the labels on both sides, and the labels' meshes consist of them.
+"""Interfaces of labels: each occurs once, with the labels on both sides, and together they make the labels' meshes.
 
 The expected labels beside a triangle are read from the volume: a quad surrounds the edge between two nodes, which
 follows from its four cells. Files are read by VTK, h5py, and a parser of PLY's header.

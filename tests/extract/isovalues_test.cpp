@@ -71,7 +71,7 @@ Together together(const Store& store, const std::vector<double>& isovalues,
     return t;
 }
 
-/// Compares for several numbers of threads, with much and with little memory.
+/// Compares the meshes for several numbers of threads, with much and with little memory.
 void check_same(const Store& store, const std::vector<double>& isovalues, const SurfaceQuery& query,
                 const char* end = ".ply", std::uint64_t little = kLittle) {
     const std::vector<std::string> expected = alone(store, isovalues, query, end);

@@ -1,4 +1,4 @@
-"""Stores of rounded values: what they hold, and that every bound is one for the volume that was given.
+"""Stores of rounded values: what they hold, and that every bound holds for the original volume.
 
 The volume's values, the finest piecewise linear function and its differences on meshes are computed here, from the
 array that was written to the input file.

@@ -1,11 +1,12 @@
-"""Installs the wheel and the Debian packages into bare roots of Debian, and uses them as their readers would.
+"""Installs the wheel and the Debian packages into bare roots of Debian, and uses them as their users would.
 
 usage: bare_root.py ISONEST PLUGIN_FOLDER [RELEASE FOLDER [TEST...]]
 
 The wheel goes into a new environment in a root that has NumPy and nothing else: it runs README's snippet, the program,
-DICOM's codecs, view() and, after ParaView is installed, its plugin. The packages are installed as the recipe of the
-container says. Without FOLDER, what tools/release makes, they are made of the build that contains ISONEST, for this
-machine's release of Debian. Skipped where no root can be made (tools/debian-root). Prints seconds and sizes.
+DICOM's codecs, view() and, after ParaView is installed, its plugin. The packages are installed as in the recipe of
+the container. FOLDER contains what tools/release has made; without it, wheel and packages are made from the build that
+contains ISONEST, for this machine's Debian release. Skipped where no root can be made (tools/debian-root). Prints seconds
+and sizes.
 """
 import pathlib
 import re
@@ -133,7 +134,7 @@ class Wheel(BareRoot):
             raise AssertionError(f"{OUT} has the wheels {wheels}")
         shutil.copy(wheels[0], cls.root / "tmp")
         begin = time.monotonic()
-        # NumPy is Debian's, since a root without network has no index.
+        # NumPy is Debian's package, because a root without network cannot reach a package index.
         cls.at("python3", "-m", "venv", "--system-site-packages", "/venv")
         made = time.monotonic()
         cls.at("/venv/bin/pip", "install", "--no-index", f"/tmp/{wheels[0].name}")

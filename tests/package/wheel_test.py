@@ -1,5 +1,5 @@
-"""tools/package/make_wheel.py: the tag, the names, the list of files and their licences, and that a wheel of a small module
-and program works without the libraries that it copies, says what it lacks, and has the same bytes twice.
+"""tools/package/make_wheel.py: the tag, the names, the list of files and their licences. A wheel of a small module and
+program works without the installed libraries that it contains, names what it lacks, and is reproducible.
 
 usage: wheel_test.py ISONEST PLUGIN_FOLDER   (arguments are not used)
 """
@@ -29,8 +29,8 @@ MISSING = [tool for tool in ("patchelf", "readelf", "ldd", "strip", "gcc", "dpkg
 VERSION = re.search(r"project\(isonest VERSION (\S+)", (ROOT / "CMakeLists.txt").read_text())[1]
 
 MODULE = "#include <lz4.h>\nint lz4(void) { return LZ4_versionNumber(); }\n"
-# HDF5 needs libcurl and libcrypto, cairo needs X11, and none of them is to be in a wheel. The system's libcurl, loaded later,
-# works all the same.
+# HDF5 needs libcurl and libcrypto, cairo needs X11, and a wheel must contain none of them. The system's libcurl, loaded
+# later, still works.
 PROGRAM = """#include <cairo.h>
 #include <hdf5.h>
 #include <dlfcn.h>
@@ -237,7 +237,7 @@ class SmallWheel(unittest.TestCase):
         self.assertEqual(done.stderr, "isonest: curl_easy_init: the wheel has no libcurl.so.4\n")
 
     def stand_in_for(self, name, code, use):
-        """The library that replaces lib`name`.so, made of `code`, for one made of `use`; and the latter."""
+        """Returns a stand-in for lib`name`.so, made from `code`, and the library made from `use` that calls it."""
         real, user = self.folder / f"lib{name}.so", self.folder / f"libuse_{name}.so"
         self.compile(code, real, "-shared", "-fPIC", f"-Wl,-soname,{real.name}")
         self.compile(use, user, "-shared", "-fPIC", f"-L{self.folder}", f"-l{name}")

@@ -1,4 +1,4 @@
-"""tools/bench/run --update replaces the tables of RESULTS.md by the output of their commands, and nothing else.
+"""tools/bench/run --update replaces the tables of RESULTS.md with the output of their commands, and nothing else.
 
 usage: bench_tables_test.py ISONEST PLUGIN_FOLDER
 """

@@ -220,7 +220,7 @@ with tempfile.TemporaryDirectory() as temporary:
     check(math.isclose(mean, 19.5 / 2 + 2 * 14.5 / 2 + 3 * 4.25, abs_tol=1), "slice_callback: the mean")
     check(triangles < 39 * 29, "slice_callback: a linear function needs few triangles")
 
-    # u = x + 2 y + 3 z: at (2, 2, 4) + (2 i, 2 j, 0), nowhere an error, and exact between nodes.
+    # u = x + 2 y + 3 z: at (2, 2, 4) + (2 i, 2 j, 0), without any error, and exact between nodes.
     check(printed["values_and_points"] == "level 2: 18 20 22 22 24 26\nlargest indicator of 35937 nodes: 0\n"
           "points: 1.4 41 nan\nhistogram: 256 bins, 35937 nodes\n", "values_and_points")
 
@@ -256,7 +256,7 @@ with tempfile.TemporaryDirectory() as temporary:
     check(0 < energy and math.isclose(energy, work_of_f, rel_tol=1e-6), "poisson: the energy is not the work")
 
     # The steps of Cahn-Hilliard on all nodes are those of assembled matrices; an adaptive grid stays near them with fewer
-    # nodes. Everywhere the integral stays and the energy falls.
+    # nodes. In all cases the integral is preserved and the energy decreases.
     for dimension, cells, threshold in ((2, 64, 0), (2, 64, 0.01), (3, 16, 0), (3, 16, 0.01)):
         name = f"cahn_hilliard {dimension} {cells} {threshold}"
         folder = work / name.replace(" ", "-")
@@ -280,7 +280,7 @@ with tempfile.TemporaryDirectory() as temporary:
     offset, linf = map(int, re.search(r"^offset: (\d+) triangles, linf: (\d+)$", printed["own_indicator"], re.M).groups())
     check(offset == linf > 0, "own_indicator: the formula of linf")
 
-    # The integral of the function, 8 / pi^3, up to the error asked for, and by far fewer nodes than the volume's 65^3.
+    # The integral of the function, 8 / pi^3, within the requested error, and with far fewer nodes than the volume's 65^3.
     tetrahedra, nodes, integral = map(float, re.match(
         r"(\d+) tetrahedra with (\d+) nodes, integral ([\d.]+)$", printed["adapt_traverse"]).groups())
     check(math.isclose(integral, 8 / math.pi ** 3, abs_tol=0.01), "adapt_traverse: the integral")

@@ -114,7 +114,7 @@ def inputs(folder):
 
 
 if not HEAP.exists() or run("info", "--help")[2] is None:
-    print(f"{HEAP} is not there or cannot be preloaded (sanitizers?)")
+    print(f"{HEAP} does not exist or cannot be preloaded (sanitizers?)")
     sys.exit(77)
 
 

@@ -129,7 +129,7 @@ def test_a_file_appears_only_when_complete(stores, tmp_path):
         mesh.save(tmp_path / "m.txt")
     with pytest.raises(FileNotFoundError):
         mesh.save(tmp_path / "none" / "m.ply")
-    with pytest.raises(isonest.InvalidArgumentError, match="lines are written as .vtp or .obj"):
+    with pytest.raises(isonest.InvalidArgumentError, match="lines can only be written as .vtp or .obj"):
         store.contours((1, 0, 0), 40, [0.3]).save(tmp_path / "m.ply")
     (tmp_path / "folder.ply").mkdir()
     with pytest.raises(isonest.Error):
@@ -185,7 +185,7 @@ def test_a_mesh_is_saved_in_the_requested_space(tmp_path, noise):
     with pytest.raises(ValueError, match="give 'ras', 'lps' or 'as-stored'"):
         mesh.save(tmp_path / "no.ply", space="lsa")
     isonest.preprocess(noise, tmp_path / "bare")
-    with pytest.raises(isonest.InvalidArgumentError, match="nothing says what the volume's axes are"):
+    with pytest.raises(isonest.InvalidArgumentError, match="the patient axes of the volume are unknown"):
         isonest.open(tmp_path / "bare").isosurface(0.3).save(tmp_path / "no.ply", space="ras")
     assert not (tmp_path / "no.ply").exists()
     # The same directly from an array.

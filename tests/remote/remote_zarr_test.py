@@ -461,7 +461,7 @@ class Resume(Case):
                 self.assertEqual((FOLDER / "remote.isonest").read_bytes(), (FOLDER / "local.isonest").read_bytes())
                 counts = asked(server)
                 self.assertEqual({what: times for what, times in counts.items() if times > 1}, {})
-                # The first plane is compared; nothing is fetched of the planes between.
+                # The first plane is compared; nothing is fetched from the planes in between.
                 self.assertEqual([path for path, _ in counts if re.match(r"/v.zarr/c/[12]/", path)], [])
             (FOLDER / "remote.isonest").unlink()
 

@@ -14,7 +14,7 @@ try:
     import numpy as np
     from mesh_data import read_points
 except ImportError:
-    print("numpy is not there")
+    print("numpy is not installed")
     sys.exit(77)
 
 ISONEST = pathlib.Path(sys.argv[1]).resolve()

@@ -512,7 +512,7 @@ class Meshes(Frames):
                 self.ask("extract", source, "--iso", "2.4", "-o", out, "--space", "as-stored")
                 self.assertEqual(out.read_bytes(), before)
             error = self.ask("extract", source, "--iso", "2.4", "-o", self.here / "no.ply", "--space", "ras", code=2)["error"]
-            self.assertIn("nothing says what the volume's axes are in a patient", error["message"])
+            self.assertIn("the patient axes of the volume are unknown", error["message"])
             self.assertFalse((self.here / "no.ply").exists())
         error = self.ask("extract", store, "--iso", "2.4", "-o", self.here / "no.ply", "--space", "rsa", code=2)["error"]
         self.assertIn("give ras, lps or as-stored", error["message"])

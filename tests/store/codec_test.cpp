@@ -14,8 +14,8 @@ namespace {
 
 enum class Kind { few_values, noise_in_low_bits, constant };
 
-/// `count` elements of `size` bytes. Of 200 values that use all bytes, zstd finds the whole
-/// elements again. Of noise in the low byte, only the shuffle separates the high bytes.
+/// `count` elements of `size` bytes. If there are only 200 values, which use all bytes, zstd finds
+/// repeated elements. If the low byte is noise, only the shuffle separates it from the high bytes.
 std::vector<std::byte> elements(Kind kind, std::size_t count, std::size_t size) {
     std::mt19937_64 random(static_cast<unsigned>(count * 8 + size));
     std::vector<std::uint64_t> values(200);
@@ -32,7 +32,7 @@ std::vector<std::byte> elements(Kind kind, std::size_t count, std::size_t size) 
 
 TEST_CASE("a chunk is stored without the shuffle where that is shorter, and decodes either way") {
     for (const std::size_t size : {2U, 4U, 8U}) {
-        // Within the sampled parts, as many, and beyond, where the parts lie apart.
+        // Fewer elements than the sampled parts have, as many, and more, so that there are gaps.
         for (const std::size_t count : {std::size_t{1}, std::size_t{512}, std::size_t{4096},
                                         kSampledParts * kSampledPart / size, std::size_t{50021}}) {
             for (const Kind kind : {Kind::few_values, Kind::noise_in_low_bits, Kind::constant}) {
@@ -53,7 +53,7 @@ TEST_CASE("a chunk is stored without the shuffle where that is shorter, and deco
                 CodecSpec other = spec;
                 other.shuffle = plain;
                 encode_chunk(raw, other, again);
-                // The shuffle stays unless leaving it out saves an eighth and 64 bytes of the sampled
+                // The shuffle is left out only if that saves an eighth and 64 bytes of the sampled
                 // parts, in which zstd finds fewer repetitions than in the whole chunk.
                 CHECK(stored.size() <= again.size() + again.size() / 4 + 128);
                 if (raw.size() < 1024) {

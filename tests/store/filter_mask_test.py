@@ -1,5 +1,5 @@
 """Chunks without the shuffle (store/FORMAT.md, section 6): the table, HDF5's filter masks and the elements agree,
-whatever the volume, the number of threads and how a run ended; what does not agree is found.
+whatever the volume, the number of threads and how a run ended; contradictions are found.
 
 Usage: filter_mask_test.py ISONEST PLUGIN_FOLDER
 """
@@ -28,7 +28,7 @@ zstd.ZSTD_decompress.restype = ctypes.c_size_t
 zstd.ZSTD_decompress.argtypes = [ctypes.c_char_p, ctypes.c_size_t, ctypes.c_char_p, ctypes.c_size_t]
 RNG = np.random.default_rng(7)
 SMOOTH = np.add.outer(np.add.outer(np.arange(40) ** 2, np.arange(37) * 30), np.arange(43) * 7)
-# 8 bits in 32: zstd finds the whole numbers again, but not their bytes.
+# 8 bits in 32: zstd finds repeated numbers, but not repeated bytes.
 EIGHT_BITS = (RNG.integers(0, 200, (40, 37, 43)) / 255).astype("<f4")
 SKIPS = 32  # bit 5 of the header's flags
 
@@ -38,7 +38,7 @@ def sum_of(data):
 
 
 def seal(f):
-    """The checksums of the header and of the table as they are now."""
+    """Updates the checksums of the header and of the table."""
     f.attrs.modify("xxh64", sum_of(b"".join(np.asarray(f.attrs[name]).tobytes() for name in (
         "version", "flags", "nodes", "spacing", "origin", "value_type", "chunk", "compression", "exact", "fields",
         "range", "has_missing"))))
@@ -199,7 +199,7 @@ class FilterMask(unittest.TestCase):
         text = self.run_isonest("check", "--deep", self.forged(store, row_cleared), code=4)
         self.assertIn("the chunk holds", text)
 
-        # Without bit 5 a reader shuffles all chunks back, as in 2.12: what check then finds is not what was written.
+        # Without bit 5 a reader undoes the shuffle of all chunks, as in 2.12, so check finds other values than were written.
         text = self.run_isonest("check", "--deep", self.forged(store, lambda f: f.attrs.modify("flags", np.uint32(0))), code=4)
         self.assertIn("reserved flags", text)
 

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Stores of every released version of the format are read as ever, and bad ones are refused as ever.
+"""Stores of every released version of the format are read as before, and invalid ones are refused as before.
 
 usage: golden_test.py ISONEST PLUGIN_FOLDER [--record]
 
-tests/store/golden/expected.json says what is expected of each store. Of a good one: its volume, its version, the
-SHA-256 of its surface in full and within an error, by the nested grid of the paper and by default, and if it has them, the unit of length, the frame and the names of labels; of a
-bad one: the command that refuses it, the kind of the
-error, words of its message and the first remedy. --record adds the good ones that are not in it. See
-CONTRIBUTING.md, "Golden stores".
+tests/store/golden/expected.json says what is expected of each store. For a valid one: its volume, its version, the
+SHA-256 of its surface at full resolution and within an error, with the nested grid of the paper and by default, and, if
+it has them, the unit of length, the frame and the label names. For an invalid one: the command that refuses it, the kind
+of the error, words of its message and the first remedy. --record adds valid ones that are missing. See CONTRIBUTING.md,
+"Golden stores".
 """
 import hashlib
 import json
@@ -98,7 +98,7 @@ class Golden(unittest.TestCase):
     def test_the_full_surface_is_the_same_whatever_version_stored_the_volume(self):
         full = {}
         for name, expected in self.good().items():
-            # A mesh file says its unit and its frame; turned axes have other places.
+            # A mesh file contains its unit and its frame; rotated axes give other positions.
             key = expected["volume"], expected.get("unit"), expected.get("frame"), "-turned" in name
             full.setdefault(key, set()).add(expected["meshes"][0])
         for key, hashes in full.items():
@@ -112,7 +112,7 @@ class Golden(unittest.TestCase):
                 store = HERE / name
                 command = ["extract", store, "--iso", "13.5", "-o", self.folder / "m.ply"]
                 commands = ([["info", store]] if expected["when"] == "opened" else []) + [command]
-                if expected["remedy"] == ["make_store"]:  # no store at all: these take it for a volume
+                if expected["remedy"] == ["make_store"]:  # not a store: these commands take it for a volume
                     for arguments in commands:
                         self.assertNotEqual(run(*arguments)[0], 0)
                     commands = [["check", store]]

@@ -59,7 +59,7 @@ def brute_force_deviation(u, cube, level):
 
 
 def version_of(f):
-    """That of a store without anything newer than frames, except possibly chunks without the shuffle."""
+    """The version of a store with nothing newer than frames, except possibly chunks without the shuffle."""
     skips = bool((f["chunks"]["flags"] & 2).any())
     assert f.attrs["flags"] == (32 if skips else 0)
     return [2, 13] if skips else [2, 10]
@@ -272,7 +272,7 @@ with tempfile.TemporaryDirectory() as folder:
         for minor in (10, 12) if bit > 4 else (10, 99):
             error = refused(lambda f: f.attrs.modify("flags", np.uint32(1 << bit)), 5, minor)["error"]
             assert error["kind"] == "unsupported" and "flags" in error["message"], error
-    # The bit of sheared axes exists since 2.11, and requires directions.
+    # The bit for sheared axes has existed since 2.11, and requires directions.
     refused(lambda f: f.attrs.modify("flags", np.uint32(4)), 5, 10)
     for minor in (11, 99):
         assert "sheared" in refused(lambda f: f.attrs.modify("flags", np.uint32(4)), 4, minor)["error"]["message"]

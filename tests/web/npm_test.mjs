@@ -1,5 +1,5 @@
-// Tests the npm package: packs it, installs it in a project of its own (consumer/), and compares what that gets in Node and
-// in Chromium with the files that the program writes for the same queries.
+// Tests the npm package: packs it, installs it in a separate project (consumer/), and compares the project's results in Node
+// and in Chromium with the files that the program writes for the same queries.
 // usage: npm_test.mjs ISONEST FOLDER-WITH-isonest.wasm
 // Exit code 77 with a message: isonest.wasm was not built, or npm or the page's packages are missing.
 import assert from "node:assert/strict";
@@ -41,7 +41,7 @@ const MB = 2 ** 20;
 
 let folder, project, packed, store, labels, plane, linear, open, isonest, server, browser, truth;
 
-/** Runs a program in the project; its standard output. */
+/** Runs a program in the project; returns its standard output. */
 const inProject = (command, ...args) =>
   new Promise((resolve, reject) => {
     execFile(command, args, { cwd: project, maxBuffer: 2 ** 28 }, (error, stdout, stderr) => (error ? reject(new Error(`${args.join(" ")}: ${stderr}${stdout}`)) : resolve(stdout)));
@@ -76,7 +76,7 @@ function together(columns, names) {
   return rows;
 }
 
-/** What the program makes of a query: its report and its mesh. */
+/** The program's result for a query: its report and its mesh. */
 async function native(command, path, asked) {
   const { axis, index, position, plane: of, triangles, normals = true, ...rest } = asked;
   const words = [command, path, "--json", "-o", join(folder.path, "native.ply"), "--space", "as-stored"];
@@ -102,7 +102,7 @@ function same(mesh, expected, what) {
   assert.equal(mesh.bound, mesh[bound], what);
 }
 
-/** Asserts that everything a consumer got of the store is what the program gives. */
+/** Asserts that all results of a consumer are those of the program. */
 function sameAll(got, what) {
   assert.equal(got.surfaces.length, kSurfaces.length);
   got.surfaces.forEach((mesh, i) => same(mesh, truth.surfaces[i], `${what}: surface ${JSON.stringify(kSurfaces[i])}`));
@@ -131,7 +131,7 @@ before(async () => {
   await writeFile(join(folder.path, "labels.raw"), raw);
   await writeFile(join(folder.path, "names.txt"), "3 ball 255 0 0 255\n7 slab 0 255 0 255\n");
   labels = await make("labels", join(folder.path, "labels.raw"), "--dims", "40,36,33", "--type", "uint8", "--labels", "--label-names", join(folder.path, "names.txt"));
-  // x + 2 y + 4 z at the nodes, of a volume that is turned in LPS.
+  // x + 2 y + 4 z at the nodes, of a volume that is rotated, in LPS.
   const values = new Float32Array(20 * 18 * 16);
   for (let z = 0; z < 16; ++z) for (let y = 0; y < 18; ++y) for (let x = 0; x < 20; ++x) values[(z * 18 + y) * 20 + x] = x + 2 * y + 4 * z;
   const header = "NRRD0005\ntype: float\ndimension: 3\nspace: left-posterior-superior\nsizes: 20 18 16\nspace directions: (0,0.5,0) (-1,0,0) (0,0,2)\nspace origin: (10,20,30)\nencoding: raw\nendian: little\n\n";
@@ -284,7 +284,7 @@ test("a turned volume: planes along its own axes, and RAS or LPS", async () => {
   assert.deepEqual(turned.values, image.values);
   one.close();
   const other = await open(store);
-  assert.match((await problem(other.surface({ iso: 0.5, space: "ras" }))).message, /does not say/);
+  assert.match((await problem(other.surface({ iso: 0.5, space: "ras" }))).message, /patient axes .* unknown/);
   other.close();
 });
 
@@ -377,7 +377,7 @@ test("types are right, and wrong options are errors", async () => {
   }
 });
 
-/** A page of the project at this server, and what must not happen in it. `imports`: where the package is. */
+/** A page of the project at this server, and the faults that occur in it. `imports`: where the package is. */
 async function openProject(origin, script = '<script type="module" src="/project/page.mjs"></script>', imports = "/project/node_modules/isonest/index.js") {
   const map = `<script type="importmap">{"imports": {"isonest": "${imports}"}}</script>`;
   const name = `page${Math.random()}.html`;
@@ -401,7 +401,7 @@ testInBrowser("in Chromium, a URL, a blob and bytes give the program's meshes", 
   const one = await open(linear);
   assert.deepEqual(floats(image.values), (await one.sliceImage({ axis: "z", index: 5, width: 19 })).values);
   one.close();
-  // A worker of the page's own has no document.
+  // The page's own worker has no document.
   const inWorker = await page.evaluate(() => new Promise((resolve) => {
     const script = `import { open } from "${location.origin}/project/node_modules/isonest/index.js";
       import { run } from "${location.origin}/project/queries.mjs";

@@ -1,4 +1,4 @@
-"""The tables of RESULTS.md: each is made by a command, which stands with it in the document.
+"""The tables of RESULTS.md: each is made by the command written above it.
 
     <!-- table NAME: COMMAND -->
     Measured: isonest 0.5.0 (commit 0123abc), 2026-01-31, 2 cores of a CPU MODEL.
@@ -6,9 +6,9 @@
     | ...
     <!-- end -->
 
-COMMAND is run by the shell in the root of the tree. Its output replaces what stands between the lines. Variables: $BUILD, the
+COMMAND is run by the shell in the root of the tree. Its output replaces everything between the lines. Variables: $BUILD, the
 build folder; $DATA, a folder with the volumes of distance.py; $WORK, a folder for large files, kept. `bucky N` is the
-store of a bucky ball of N^3 nodes of 8 bits in $WORK, made unless it is there.
+store of a bucky ball of N^3 nodes of 8 bits in $WORK, made if it does not exist.
 """
 import datetime
 import os

@@ -1,4 +1,4 @@
-// The paper's AdaptTraverse with functions of one's own: a function is integrated over the adaptive
+// The paper's AdaptTraverse with your own functions: a function is integrated over the adaptive
 // grid, by z = M w with the mass matrix M of the grid, as in section 7. No element is stored.
 #include <array>
 #include <cmath>

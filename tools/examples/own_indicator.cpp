@@ -1,5 +1,5 @@
-// An indicator of one's own: the surface is refined where values change a lot within an element,
-// relative to their size. A function of a node's diamond; the library saturates and stores it.
+// Your own indicator: the surface is refined where values change a lot within an element, relative
+// to their size. It is a function of a node's diamond; the library saturates and stores it.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>

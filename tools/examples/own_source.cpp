@@ -1,5 +1,5 @@
-// A volume that is computed, not stored: a source of one's own needs three functions. Errors tell
-// what went wrong, and what can be done about it.
+// A volume that is computed, not stored: your own source needs three functions. Errors say what
+// went wrong, and what can be done about it.
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -17,7 +17,7 @@ class Gyroid : public isonest::VolumeSource {
     [[nodiscard]] isonest::VolumeDescription describe() const override {
         return {.nodes = nodes_, .type = isonest::ValueType::f32, .spacing = {0.1, 0.1, 0.1}};
     }
-    // Whoever resumes an interrupted run compares it: other numbers need another text.
+    // Compared when an interrupted run is resumed: other values need another text.
     [[nodiscard]] std::string identity() const override { return "gyroid, period 2 pi\n"; }
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
@@ -55,7 +55,7 @@ int main() {
     const auto report = isonest::extract(store, query, *file);
     std::printf("gyroid.glb: %llu triangles\n", static_cast<unsigned long long>(report.triangles));
 
-    // The file is there now, and is not replaced unless that is asked for.
+    // The file exists now, and is replaced only if that is requested.
     try {
         isonest::extract(store, query, *isonest::open_mesh_file("gyroid.glb"));
     } catch (const isonest::Error& error) {

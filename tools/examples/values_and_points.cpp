@@ -38,7 +38,7 @@ int main() {
     }
     std::printf("\nlargest indicator of %zu nodes: %g\n", eta.size(), largest);
 
-    // Along a line, of which the last point is outside the volume.
+    // Points on a line; the last one is outside the volume.
     const std::vector<isonest::Double3> points{{0.1, 0.2, 0.3}, {10.3, 7.7, 5.1}, {25, 7.7, 5.1}};
     std::vector<double> values(points.size());
     isonest::sample(store, points, values);

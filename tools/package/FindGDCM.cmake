@@ -1,5 +1,5 @@
-# GDCM::GDCM: GDCM, which unpacks the frames of DICOM files, with OpenJPEG, which does where GDCM
-# gives up. GDCM's own CMake configuration, as Debian has it, needs its packages for VTK and Python.
+# GDCM::GDCM: GDCM, which decodes the frames of DICOM files, and OpenJPEG, for frames that GDCM does not support.
+# Debian's CMake configuration of GDCM also needs its packages for VTK and Python.
 find_path(GDCM_INCLUDE_DIR gdcmJPEGCodec.h PATH_SUFFIXES gdcm-3.1 gdcm-3.0)
 find_path(GDCM_OPENJPEG_INCLUDE_DIR openjpeg.h PATH_SUFFIXES openjpeg-2.5 openjpeg-2.4)
 find_library(GDCM_OPENJPEG_LIBRARY openjp2)

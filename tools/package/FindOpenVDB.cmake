@@ -1,4 +1,4 @@
-# OpenVDB::Library: OpenVDB with what its headers need. (Its own FindOpenVDB.cmake is not where CMake looks.)
+# OpenVDB::Library: OpenVDB and what its headers need. (CMake does not search the folder of OpenVDB's own FindOpenVDB.cmake.)
 find_path(OPENVDB_INCLUDE_DIR openvdb/openvdb.h)
 find_library(OPENVDB_LIBRARY openvdb)
 find_library(OPENVDB_IMATH_LIBRARY NAMES Imath-3_1 Imath)

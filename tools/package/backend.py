@@ -4,8 +4,8 @@
 usage: backend.py sdist OUT   (writes the source archive into OUT)
 
 The wheel needs the libraries of this machine (make_wheel.py --system-libraries), so it is for this machine alone;
-tools/release makes those for others. The build folder, build-wheel, stays, so that the next call compiles only what
-changed. Options for CMake: pip install . --config-settings cmake="-DISONEST_VIEW=OFF".
+tools/release makes those for others. The build folder, build-wheel, is kept, so that the next call compiles only what
+has changed. Options for CMake: pip install . --config-settings cmake="-DISONEST_VIEW=OFF".
 """
 import gzip
 import io
@@ -22,7 +22,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 import make_wheel  # noqa: E402
 
 ROOT = make_wheel.ROOT
-# The queries for pages without a server are of no use to Python, and take minutes, emscripten, and downloads.
+# Python does not need the queries for pages without a server; building them takes minutes, emscripten and downloads.
 OPTIONS = ["-DCMAKE_BUILD_TYPE=Release", "-DISONEST_PYTHON=ON", "-DISONEST_TOOLS=ON", "-DISONEST_TESTS=OFF",
            "-DISONEST_MPI=OFF", "-DISONEST_WASM=OFF", "-DBUILD_SHARED_LIBS=OFF"]
 
@@ -30,7 +30,7 @@ OPTIONS = ["-DCMAKE_BUILD_TYPE=Release", "-DISONEST_PYTHON=ON", "-DISONEST_TOOLS
 def run(*command):
     print("$", shlex.join(map(str, command)), flush=True)
     if subprocess.run([*map(str, command)]).returncode != 0:
-        raise SystemExit(f"isonest: {command[0]} failed, as said above")
+        raise SystemExit(f"isonest: {command[0]} failed: see above")
 
 
 def chosen(config_settings):
@@ -68,7 +68,7 @@ def prepare_metadata_for_build_wheel(metadata_directory, config_settings=None):
 
 
 def build_sdist(sdist_directory, config_settings=None):
-    """All files of the commit, or of the working tree as far as git knows them; equal files make equal bytes."""
+    """All files of the commit, or those of the working tree that git tracks; equal files give equal bytes."""
     name = f"{stem()}.tar.gz"
     epoch = int(os.environ.get("SOURCE_DATE_EPOCH", 0))
     listed = subprocess.run(["git", "-C", ROOT, "ls-files", "-z"], capture_output=True, check=True).stdout.decode()

@@ -4,10 +4,10 @@
 usage: make_wheel.py TREE OUT [--system-libraries]
 
 The wheel is self-contained: the shared libraries that its programs and modules need, and theirs, are copied into
-isonest.libs, as auditwheel does it, under names that contain a hash, so that they are never mistaken for the system's
-or another wheel's. They have to be of Debian's packages, whose versions and licences the wheel names. With
+isonest.libs, as auditwheel does, under names that contain a hash, so that they are never mistaken for the system's
+or another wheel's. They must come from Debian packages, whose versions and licences the wheel lists. With
 --system-libraries none is copied, and the wheel is for this machine alone. The wheel is for the Python that the module
-in TREE was compiled for. Equal trees and libraries make equal bytes. Needs readelf, ldd, strip, patchelf, gcc and dpkg;
+in TREE was compiled for. Equal trees and libraries give equal bytes. Needs readelf, ldd, strip, patchelf, gcc and dpkg;
 with --system-libraries only strip.
 """
 import argparse
@@ -35,14 +35,14 @@ except ImportError:  # before Python 3.11
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
-# Not copied: every system that has the C library of the tag has them. glibc's parts have to be of one version; and there
-# must be one C++ library in a process, the newest, because exceptions and streams of all modules meet in it. Both are
-# what manylinux's rules take for granted (and more that bare systems lack, so it is copied: libz, libexpat, X11).
+# Not copied: every system that has the C library of the tag has them. All parts of glibc must have the same version, and a
+# process must have only one C++ library, the newest, because all modules share its exceptions and streams. manylinux's
+# rules also assume libz, libexpat and X11 on every system; bare systems lack these, so they are copied.
 SYSTEM = re.compile(r"(ld-linux.*|libc|libm|libmvec|libdl|libpthread|librt|libutil|libresolv|libanl|libstdc\+\+|libgcc_s)\.so(\.\d+)*")
 
-# Replaced by libraries of functions that end the process with a message: what calls them is never reached (JBIG apart).
-# Together they would add 7.6 MB to the wheel, and a TLS library in a wheel gets no security updates. URLs are read with the system's
-# libcurl, which is loaded when one is opened.
+# Replaced by stand-ins whose functions end the process with a message; except for JBIG, they are never called. Together
+# the libraries would add 7.6 MB to the wheel, and a TLS library in a wheel gets no security updates. URLs are read with
+# the system's libcurl, which is loaded when one is opened.
 STAND_INS = {
     "libcurl.so.4": "HDF5's driver for S3, which isonest does not use",
     "libcrypto.so.3": "HDF5's driver for S3 and GDCM's encryption, which isonest does not use",
@@ -54,13 +54,14 @@ STAND_INS = {
     "libxcb-shm.so.0": "cairo's windows, which isonest does not open",
     "libjbig.so.0": "TIFF in JBIG, which is left out because this library's licence, the GPL, would become the wheel's",
 }
-# Functions of these that are reached: what they return instead of ending the process. libtiff reports that jbg_dec_in fails.
+# Functions of these that are called, and what they return instead of ending the process. libtiff reports that jbg_dec_in
+# fails.
 ANSWERS = {"jbg_dec_init": "0", "jbg_newlen": "0", "jbg_dec_in": "1", "jbg_dec_free": "0",
            "jbg_strerror": '(long)"this wheel of isonest has no JBIG"'}
 
 # The versions of symbols that come with at least the C library 2.N, as in manylinux's rules (auditwheel 6,
 # manylinux-policy.json, x86_64): those of libstdc++ and libgcc that the distributions with that C library have.
-FIRST_GLIBC = 17  # manylinux2014, the oldest that pip still takes from most indices
+FIRST_GLIBC = 17  # manylinux2014, the oldest that most package indices still accept
 COMES_WITH = {
     "GLIBCXX": [("3.4.19", 17), ("3.4.22", 24), ("3.4.24", 27), ("3.4.28", 31), ("3.4.29", 34), ("3.4.30", 35), ("3.4.33", 39)],
     "CXXABI": [("1.3.7", 17), ("1.3.10", 24), ("1.3.11", 27), ("1.3.12", 31), ("1.3.13", 34), ("1.3.15", 39)],
@@ -77,13 +78,13 @@ import sys
 
 found = importlib.util.find_spec("isonest")
 if found is None or not found.submodule_search_locations:
-    sys.exit("isonest: the Python package isonest is not there")
+    sys.exit("isonest: the Python package isonest is not installed")
 os.execv(os.path.join(found.submodule_search_locations[0], "bin", "isonest"), ["isonest", *sys.argv[1:]])
 '''
 
 
 class WheelError(Exception):
-    """What is missing, or cannot be put into a wheel."""
+    """Something is missing, or cannot be put into a wheel."""
 
 
 def output(*command):
@@ -105,12 +106,12 @@ def is_elf(path):
 
 
 def needed_of(path):
-    """The names of the libraries that a file needs, in its order."""
+    """The names of the libraries that a file needs, in the file's order."""
     return re.findall(r"\(NEEDED\).*\[(.*)\]", output("readelf", "-W", "-d", path))
 
 
 def symbols_of(path, is_defined):
-    """{name: (version or None, type, size)} of a file's dynamic symbols that are defined in it, or that are not."""
+    """{name: (version or None, type, size)} of a file's dynamic symbols that are defined in it, or undefined."""
     found = {}
     for line in output("readelf", "-W", "--dyn-syms", path).splitlines():
         columns = line.split()
@@ -121,7 +122,7 @@ def symbols_of(path, is_defined):
 
 
 def where_found(path):
-    """{name: path} of all libraries that the loader finds for a file, theirs as well."""
+    """{name: path} of all libraries that the loader finds for a file, including indirect dependencies."""
     found = {}
     for line in output("ldd", path).splitlines():
         match = re.match(r"\s*(\S+) => (.*?)( \(0x[0-9a-f]+\))?$", line)
@@ -200,17 +201,17 @@ def licence_of(text):
 
 
 def rename_undefined(file, symbols):
-    """Gives undefined symbols of a file the names that they have in a stand-in: {new name: symbol}.
+    """Renames undefined symbols of a file to their names in a stand-in; returns {new name: symbol}.
 
-    They differ from the real ones, which the system's libcurl needs when the program loads it. Names are not copied: the
-    first letter becomes Z, or is left out where the name is also the end of a longer one.
+    The new names differ from the real ones, which the system's libcurl needs when the program loads it. Names are changed in
+    place: the first letter becomes Z, or is left out if the name is also the end of a longer one.
     """
     data = bytearray(file.read_bytes())
     sections = {name: (int(begin, 16), int(size, 16)) for name, begin, size in re.findall(
         r"\] (\.dynstr|\.dynsym) +\S+ +\S+ (\S+) (\S+)", output("readelf", "-W", "-S", file))}
     (names, _), (table, table_size) = sections[".dynstr"], sections[".dynsym"]
     renamed = {}
-    for entry in range(table, table + table_size, 24):  # Elf64_Sym: name in 4 bytes, section in 2 behind another 2
+    for entry in range(table, table + table_size, 24):  # Elf64_Sym: 4 bytes of name, 2 others, 2 of section
         place, _, section = struct.unpack_from("<IHH", data, entry)
         name = bytes(data[names + place:data.index(0, names + place)]).decode()
         if section == 0 and name in symbols:
@@ -225,7 +226,7 @@ def rename_undefined(file, symbols):
 
 
 def stand_in(name, users, real, folder):
-    """Compiles the library that replaces `real` for the files `users`, and makes these call it; its path."""
+    """Compiles the library that replaces `real` for the files `users`, and makes them call it. Returns its path."""
     defined = symbols_of(real, True)
     wanted = {}  # new name: (name, version, type, size)
     for user in users:
@@ -234,7 +235,7 @@ def stand_in(name, users, real, folder):
             if wanted.setdefault(new_name, (symbol, *defined[symbol]))[0] != symbol:
                 raise WheelError(f"{name}: two symbols have the name {new_name} in the stand-in")
     source, script, made = folder / "absent.c", folder / "absent.map", folder / name
-    # Data are zeros: only the absent functions read them (cairo passes descriptions of X11's extensions to these).
+    # Data are zeros, because only the replaced functions would read them (cairo passes them descriptions of X11's extensions).
     code = [f"char {new_name}[{size}];\n" if kind == "OBJECT"
             else f"long {new_name}(void) {{ return {ANSWERS[symbol]}; }}\n" if symbol in ANSWERS
             else f'void {new_name}(void) {{ end("{symbol}"); }}\n'
@@ -253,7 +254,7 @@ def stand_in(name, users, real, folder):
 
 
 def bundle(tree):
-    """Copies the libraries into tree/isonest.libs and makes the files of the tree need these. The libraries, in order."""
+    """Copies the libraries into tree/isonest.libs and links the files of the tree to the copies. Returns the libraries."""
     libraries, replaced, users, names = {}, {}, {}, {}
     files = sorted(path for path in tree.rglob("*") if path.is_file() and is_elf(path))
     to_do = [(file, None, where_found(file)) for file in files]
@@ -289,8 +290,9 @@ def bundle(tree):
 
 
 def patch(file, names, where, own_name=None):
-    """Sets what a file needs, where that is, and its own name. One call for each: patchelf 0.14 mixes up the texts of
-    different options. All names of needed libraries in one: each call moves the tables to the end of the file, which grows."""
+    """Sets the libraries that a file needs, their folder, and its own name. patchelf is called once for each of the three,
+    because version 0.14 mixes up the strings of different options; but all library names are set in one call, because each
+    call moves the tables to the end of the file, which grows."""
     file.chmod(0o755)
     needed = [name for name in needed_of(file) if name in names]
     if needed:
@@ -327,7 +329,7 @@ def metadata_of(of):
 
 
 def entry_points(of):
-    """The text of entry_points.txt: what other programs find the package by."""
+    """The text of entry_points.txt, by which other programs find the package."""
     return "\n".join(f"[{group}]\n" + "".join(f"{name} = {place}\n" for name, place in entries.items())
                      for group, entries in of.get("entry-points", {}).items())
 
@@ -362,7 +364,7 @@ def record_row(name, data):
 
 
 def write_archive(path, files, dist_info):
-    """files: {name: (bytes, is a program)}. RECORD, the list of all, is added; dist-info comes last, as PEP 427 wishes."""
+    """files: {name: (bytes, is a program)}. RECORD, the list of all, is added; dist-info comes last, as PEP 427 recommends."""
     rows = [record_row(name, data) for name, (data, _) in sorted(files.items())]
     record = f"{dist_info}/RECORD"
     files = {**files, record: ("\n".join([*rows, f"{record},,"]).encode() + b"\n", False)}
@@ -379,7 +381,7 @@ def write_archive(path, files, dist_info):
 
 
 def make(tree, out, is_bundled=True):
-    """Makes the wheel of a tree in the folder `out`; its name, and the libraries in it."""
+    """Makes the wheel of a tree in the folder `out`. Returns its name and the libraries in it."""
     tree, out = pathlib.Path(tree), pathlib.Path(out)
     of = project()
     modules = [path.name for path in (tree / "isonest").glob("_core.*.so")]
@@ -390,7 +392,7 @@ def make(tree, out, is_bundled=True):
     with tempfile.TemporaryDirectory() as temporary:
         work = pathlib.Path(temporary, "tree")
         shutil.copytree(tree, work)
-        # Before patchelf: what it moves, strip would destroy.
+        # Before patchelf, because strip would destroy what patchelf moves.
         for path in filter(is_elf, sorted(path for path in work.rglob("*") if path.is_file())):
             output("strip", "--strip-unneeded", path)
         libraries, platform = [], f"linux_{machine}"

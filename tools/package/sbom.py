@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Writes what isonest is made of as CycloneDX 1.4 (JSON) to standard output.
+"""Writes a list of isonest's components, as CycloneDX 1.4 (JSON), to standard output.
 
 usage: sbom.py
 
-The libraries are those of DEPENDENCIES.md; a version is that of the Debian package that is installed here, and the
-document's for this release of Debian where none is.
+The libraries are those of DEPENDENCIES.md. The version is that of the installed Debian package; if it is not installed,
+that of the document for this release of Debian.
 """
 import json
 import pathlib

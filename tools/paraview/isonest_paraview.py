@@ -1,7 +1,7 @@
 """Readers of isonest stores for ParaView: a surface within an error, and the volume at a level.
 
 In ParaView: Tools, Manage Plugins, Load New, this file. For pvpython: paraview.simple.LoadPlugin(), or the folder of this
-file in PV_PLUGIN_PATH. The Python package isonest has to be there for ParaView's own Python (PYTHONPATH).
+file in PV_PLUGIN_PATH. The Python package isonest must be installed for ParaView's own Python, or be in PYTHONPATH.
 Source of the decorators: https://www.paraview.org/paraview-docs/latest/python/paraview.util.vtkAlgorithm.html
 """
 import numpy as np
@@ -9,7 +9,7 @@ from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty, smproxy
 from vtkmodules.numpy_interface import dataset_adapter
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.util.vtkAlgorithm import VTKPythonAlgorithmBase
-from vtkmodules.vtkCommonCore import vtkDataArraySelection  # noqa: F401  (ParaView wants it loaded)
+from vtkmodules.vtkCommonCore import vtkDataArraySelection  # noqa: F401  (ParaView requires it to be loaded)
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkFiltersCore import vtkAppendPolyData
 
@@ -58,7 +58,7 @@ class _StoreReader(VTKPythonAlgorithmBase):
             self.Modified()
 
     def report(self, phase, done, total, unit):
-        """Of progress; what it returns says whether to go on."""
+        """Reports progress; returns whether to continue."""
         if total:
             self.UpdateProgress(min(done / total, 1.0))
         return not self.GetAbortExecute()
@@ -180,7 +180,7 @@ class IsonestSurface(_StoreReader):
         if values:
             append.Update()
             output.ShallowCopy(append.GetOutput())
-            # What the tolerance came to: proven, for each isovalue.
+            # The proven bound for each isovalue.
             bound = numpy_to_vtk(np.array(bounds), deep=1)
             bound.SetName("bound")
             output.GetFieldData().AddArray(bound)
@@ -190,7 +190,7 @@ class IsonestSurface(_StoreReader):
 @smproxy.reader(name="IsonestVolume", label="Isonest Volume", extensions="isonest",
                 file_description="isonest stores (volume at a level)")
 class IsonestVolume(_StoreReader):
-    """Every 2^level-th node of a store as an image: a volume that fits, whatever the store's size."""
+    """Every 2^level-th node of a store as an image: of manageable size, however large the store."""
 
     def __init__(self):
         super().__init__("vtkImageData")

@@ -212,7 +212,7 @@ class Checker {
         return allowed == "*" || lower_case_of(allowed) == lower_case_of(origin_);
     }
 
-    /// A page first asks for the length of the store, like browsers ask: they accept compression.
+    /// A page first asks for the length of the store, accepting compression as browsers do.
     void check_head(const std::string& url, std::optional<std::uint64_t> size, bool is_elsewhere) {
         const ServerReply head = ask({url, "HEAD", {kBrowserEncodings, "Origin: " + origin_}});
         const std::string length = head.header("content-length");

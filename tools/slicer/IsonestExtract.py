@@ -1,10 +1,10 @@
 """A module of 3D Slicer: surfaces of isonest stores within a proven error, as models, and levels of the volume.
 
 In Slicer: Edit, Application Settings, Modules, Additional module paths: the folder of this file. The Python package isonest
-has to be there for Slicer's own Python (PythonSlicer -m pip install, or PYTHONPATH).
+must be available to Slicer's own Python (PythonSlicer -m pip install, or PYTHONPATH).
 
-The functions before the classes need VTK and isonest alone. tests/python/test_slicer.py tests them, and the logic with a
-stand-in for Slicer's scene. The panel was never run in Slicer.
+The functions before the classes need only VTK and isonest. tests/python/test_slicer.py tests them, and the logic with a
+stand-in for Slicer's scene. The panel has never been run in Slicer.
 Source of the classes: https://slicer.readthedocs.io/en/latest/developer_guide/script_repository.html
 """
 import numpy as np
@@ -19,7 +19,7 @@ try:
     import slicer
     from slicer.ScriptedLoadableModule import (ScriptedLoadableModule, ScriptedLoadableModuleLogic,
                                                ScriptedLoadableModuleWidget)
-except ImportError:  # not in Slicer: the functions only
+except ImportError:  # outside Slicer: only the functions
     slicer = None
     ScriptedLoadableModule = ScriptedLoadableModuleLogic = ScriptedLoadableModuleWidget = object
 
@@ -39,8 +39,8 @@ def _isonest():
 
 
 def to_ras(store):
-    """The 4x4 matrix from a store's world to Slicer's: millimetres, RAS. Without a unit a world unit counts as a millimetre;
-    without known axes they count as RAS."""
+    """The 4x4 matrix from a store's world to Slicer's: millimetres, RAS. A world unit counts as a millimetre if the unit is
+    unknown, and the axes as RAS if they are unknown."""
     scale = 1.0 if store.unit is None else MILLIMETRES[store.unit]
     return np.diag([-scale, -scale, scale, 1.0] if store.frame == "LPS" else [scale, scale, scale, 1.0])
 
@@ -73,7 +73,7 @@ def surface_polydata(store, iso, **options):
 
 def volume_image(store, level=None):
     """Every 2^level-th node as a vtkImageData with spacing 1 at the origin, and the vtkMatrix4x4 from its indices (i, j, k) to
-    Slicer's world: what a vtkMRMLScalarVolumeNode wants. None: the finest level with at most MAX_NODES nodes."""
+    Slicer's world, as a vtkMRMLScalarVolumeNode needs them. None: the finest level with at most MAX_NODES nodes."""
     if level is None:
         level = next((one for one in range(store.levels) if np.prod(store.level_shape(one), dtype=float) <= MAX_NODES),
                      store.levels - 1)

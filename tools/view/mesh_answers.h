@@ -13,7 +13,7 @@
 
 namespace isonest::detail::view {
 
-// Chooses the error for which a mesh has at most so many triangles, starting from the previous
+// Chooses the error for which a mesh has at most this many triangles, starting from the previous
 // choice, because a slider moves in small steps.
 
 /// Errors are steps of half an octave: step k is twice the range / 2^(k / 2); the step after the
@@ -28,7 +28,7 @@ class ErrorChoice {
     /// One search: make meshes at the error of next() until it returns nothing.
     class Search {
       public:
-        /// Once a mesh has few enough triangles, finer ones are tried for at most so many seconds.
+        /// Once a mesh has few enough triangles, finer ones are tried for this many seconds.
         Search(const ErrorChoice& choice, std::uint64_t most, double seconds);
         /// The error of the next mesh; none if the best one is known.
         [[nodiscard]] std::optional<double> next() const;

@@ -80,8 +80,8 @@ GraphQuery plane_query(const MeshRequest& request, const StopTest& stop, const S
 /// the stop is not AtMostTriangles.
 std::string command_line(const MeshRequest& request, const Store& store, const std::string& output);
 
-/// The error itself if a store with rounded values can have it, else the next larger one that it
-/// can: sliders know nothing of the tolerance.
+/// The error itself, or if rounded values do not permit it, the smallest larger one that they
+/// permit: sliders do not take the tolerance into account.
 ErrorBound possible_error(const ErrorBound& asked, const Store& store);
 
 }  // namespace isonest::detail::view

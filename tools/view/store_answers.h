@@ -44,7 +44,7 @@ HttpAnswer guarded(const Work& work) {
     }
 }
 
-// What is fetched of a remote store before the page requests anything.
+// What is fetched from a remote store before the page requests anything.
 
 /// The coarsest levels of a store: the values, and the field that bounds the error.
 struct FirstLevels {

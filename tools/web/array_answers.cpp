@@ -160,7 +160,7 @@ void PixelValues::draw(const std::array<Corner, 3>& t) {
 
 namespace {
 
-/// What is known of an answer's mesh. The names are those of the commands' reports.
+/// What is known about an answer's mesh. The names are those of the commands' reports.
 Json told_of(const ExtractReport& r, const Store& store) {
     Json told = {{"tolerance", r.tolerance},
                  {"error_bound", nullptr},

@@ -94,11 +94,11 @@ class ArrayAnswers {
     ArrayAnswers(const Store& store, const view::MemoryShares& shares, bool are_labels)
         : store_(store), shares_(shares), are_labels_(are_labels) {}
 
-    /// Answers in JSON, with what is known of the mesh or image; its arrays are in arrays().
+    /// Answers in JSON, with what is known about the mesh or image; its arrays are in arrays().
     ///
     /// `/arrays/surface`, with the parameters of `/api/surface` (PROTOCOL.md) except `camera` and
     /// `limit`. `effort=none`, `fast` or `best` also holds for an error. `triangles=N` is the
-    /// smallest distance for so many. In addition: `close=below` or `above`, `normals=0`. For data
+    /// smallest distance for N. In addition: `close=below` or `above`, `normals=0`. For data
     /// in a plane: the isolines.
     ///
     /// `/arrays/slice`, with `plane`, `error` and `box`: triangles with values.

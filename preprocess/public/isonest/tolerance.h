@@ -38,7 +38,7 @@ struct ValueSurvey {
     double min = 0;  ///< smallest finite value; above `max` if there is none
     double max = 0;
     /// The standard deviation of noise that is independent from node to node; 0 if the values show
-    /// none, or are not asked for it. Noise that is correlated between neighbours along x is
+    /// none, or are not examined for it. Noise that is correlated between neighbours along x is
     /// underestimated.
     double noise = 0;
 };

@@ -101,7 +101,7 @@ class ReadAhead {
     /// many bytes as were read consecutively so far. REQUIRES: the range lies in the object. Throws
     /// what StoreBytes::read() throws.
     void read(std::uint64_t at, std::byte* dst, std::uint64_t size);
-    /// Reports that so many of the expected bytes were read in another way.
+    /// Reports that this many of the expected bytes were read in another way.
     void passed(std::uint64_t size);
 
   private:

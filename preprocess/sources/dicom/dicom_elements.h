@@ -1,5 +1,5 @@
 // The elements of a DICOM file: tags, and where their values are (PS3.5, sections 7 and 10 of
-// PS3.10). Only reads what is asked for, and checks every length against the file before using it.
+// PS3.10). Only reads what is requested, and checks every length against the file before using it.
 #pragma once
 
 #include <cstdint>

@@ -80,7 +80,7 @@ bool has_place(std::string_view head) {
 }
 
 /// Places the volume by the directions and sizes of the voxels and its centre: the point that is
-/// half the number of nodes from the first node, which is not a node on axes with an odd number.
+/// half the number of nodes from the first node, which is not a node if that number is odd.
 void set_place(std::string_view head, PlacedArray& array) {
     std::array<Double3, 3> steps{{{-1, 0, 0}, {0, 0, -1}, {0, 1, 0}}};
     Double3 centre{0, 0, 0};

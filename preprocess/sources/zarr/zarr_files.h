@@ -107,7 +107,7 @@ class ZarrFiles {
     [[nodiscard]] virtual FetchedCounts fetched() const = 0;
 };
 
-/// The maximum compressed size of so many bytes.
+/// The maximum compressed size of this many bytes.
 constexpr std::uint64_t max_packed(std::uint64_t bytes) {
     constexpr std::uint64_t kBeside = 4096;
     return bytes + bytes / 2 + kBeside;

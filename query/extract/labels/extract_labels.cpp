@@ -112,7 +112,7 @@ class LabelDetails {
             if (grid.chunk == 1) {
                 throw Error(ErrorKind::limit,
                             fmt::format("label {}: {} triangles lie between neighbouring nodes, "
-                                        "more than Neuroglancer's format takes here",
+                                        "too many for Neuroglancer's format",
                                         label.id, mesh->largest()));
             }
         }

@@ -152,7 +152,7 @@ Simplified BestStage::simplified(MeshSimplifier& simplifier, const StageMesh& me
     return result;
 }
 
-/// Selects the remaining mesh; `result` is one of the simplifier's.
+/// Makes a result of the simplifier the mesh of the following stages.
 void choose(const MeshSimplifier& simplifier, const Simplified& result, StageMesh& mesh) {
     const auto corners = std::make_shared<CornerFile>(simplifier.corners(result));
     mesh.choose(corners->all(), corners);

@@ -25,7 +25,7 @@ struct GridFileOptions {
 /// infinite where it is missing; cell data "level" (int32) has the elements' levels. Tetrahedra
 /// have the orientation that VTK expects. The store's unit and frame are written as in .vtp files.
 ///
-/// Elements are written as they come, in pieces of up to 32,768, so memory does not grow with their
+/// Elements are written as added, in pieces of up to 32,768, so memory does not grow with their
 /// number (less than 16 MiB). A node is stored once in each piece that contains it; VTK joins the
 /// pieces when it reads the file, but not the nodes (vtkStaticCleanUnstructuredGrid does). The same
 /// elements in the same order give the same bytes.

@@ -353,7 +353,7 @@ decltype(auto) call_with(const Function& function, const Element<D>& t, StoreNod
     }
 }
 
-/// The caller's tests, as the driver wants them.
+/// The caller's tests, in the form that the driver uses.
 template <class Test>
 struct CallersTest {
     const Test* test;

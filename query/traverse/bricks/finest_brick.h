@@ -3,9 +3,9 @@
 //
 // Source: Gerstner, Rumpf, Weikard (2000), sections 1 and 2 with epsilon = 0: every element of
 // interest is refined to the finest grid, so the coarser levels and their indicators are not read.
-// Elements are the tetrahedra of a cube, all at once by a table or one by one, or the cube as one
-// hexahedral cell.
-// the cube as one hexahedral cell.
+// Elements are tetrahedra or hexahedral cells:
+// - the tetrahedra of a cube, all at once by a table or one by one;
+// - the cube as one hexahedral cell.
 #pragma once
 
 #include <memory>

@@ -258,7 +258,7 @@ class LevelTraversal {
         return max_bricks_.empty() ? std::numeric_limits<std::size_t>::max()
                                    : max_bricks_[static_cast<std::size_t>(level)];
     }
-    /// Bricks that do not fit into a window were rehearsed in vain: so the next window has at most
+    /// Rehearsing bricks that do not fit into the window is wasted: so the next window has at most
     /// twice as many bricks as were left in this one, and later ones twice as many as fitted last.
     void note_window(int level, std::size_t rehearsed, std::size_t left) {
         std::size_t& most = max_bricks_[static_cast<std::size_t>(level)];

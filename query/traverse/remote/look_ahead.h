@@ -157,7 +157,7 @@ class LookWindows {
     }
 
   private:
-    /// Elements that look() does not take, because they need too many chunks, were walked in vain.
+    /// Walking elements that look() does not take, because they need too many chunks, is wasted.
     /// So it is then given at most twice as many as it took, and twice as many again each time it
     /// takes all.
     void note(std::size_t taken, std::size_t given) {

@@ -41,7 +41,7 @@ struct RemoteAccess {
     std::function<void()> check = {};
 };
 
-/// What was fetched of a store so far; all 0 for a local file.
+/// What was fetched from a store so far; all 0 for a local file.
 struct FetchedCounts {
     std::uint64_t remote_bytes = 0;  ///< bytes of response bodies that came over the network
     std::uint64_t requests = 0;      ///< requests sent, including retries

@@ -63,7 +63,7 @@ class VolumeSource {
                       std::byte* dst) = 0;
 
     /// A hint: from the next read() on, these rows of these planes will be read, in pieces and in
-    /// ascending order. Replaces the previous hint and returns at once. REQUIRES: as read().
+    /// ascending order. Replaces the previous hint and returns at once. REQUIRES: as for read().
     virtual void will_read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny) {
         static_cast<void>(z0), static_cast<void>(nz);
         static_cast<void>(y0), static_cast<void>(ny);
@@ -96,7 +96,7 @@ class VolumeSource {
     /// labels. preprocess() rejects those that a store cannot hold (label_name.h).
     [[nodiscard]] virtual std::vector<LabelName> label_names() const { return {}; }
 
-    /// What was fetched of a remote volume since it was opened; all 0 for other sources.
+    /// What was fetched from a remote volume since it was opened; all 0 for other sources.
     [[nodiscard]] virtual FetchedCounts fetched() const { return {}; }
 
     /// One line that says why RemoteAccess::cache is off, or why nothing is added to it. Empty: it

@@ -78,7 +78,7 @@ class View:
         end = time.monotonic() + seconds
         while True:
             now = self.holds()
-            # The threads for computations, 2 by --threads, start with the first work.
+            # The 2 threads for computations (--threads) are started by the first request that needs them.
             left = [f"{name}: {before[name]} before, {now[name]} after" for name, more in (("descriptors", 0), ("threads", 2))
                     if now[name] > before[name] + more]
             left += [f"temporary files {now['files']}"] if now["files"] else []

@@ -45,7 +45,7 @@ def label_volume(one):
 
 
 def staircase(u, label, border):
-    """The voxel faces between a label and everything else, as triangles, in nodes; at the border only if asked for."""
+    """The voxel faces between a label and everything else, as triangles, in nodes; at the border only if requested."""
     mask = np.pad(u == label, 1)
     padded = np.pad(np.ones(u.shape, bool), 1)
     quads = []

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Makes the golden stores of the version that ISONEST writes, and the bad ones of that version.
+"""Makes the golden stores of the version that ISONEST writes, valid and invalid ones.
 
 usage: make.py ISONEST [--good-only]
 
-Files that are there already are never changed. See CONTRIBUTING.md, "Golden stores".
+Existing files are never changed. See CONTRIBUTING.md, "Golden stores".
 """
 import ctypes
 import pathlib
@@ -24,7 +24,7 @@ VOLUMES = {"": ("volume.raw", (9, 8, 7), "int16"), "-flat": ("flat.raw", (9, 8, 
            "-tiny": ("tiny.raw", (3, 3, 3), "uint8"), "-turned": ("turned.nhdr", None, None),
            "-named": ("tiny.raw", (3, 3, 3), "uint8"), "-framed": ("tiny.raw", (3, 3, 3), "uint8"),
            "-own": ("tiny.raw", (3, 3, 3), "uint8"), "-unshuffled": ("eight.raw", (9, 8, 7), "float32")}
-# Of the labels of "-named": as FORMAT.md, section 3, has them.
+# Label names of "-named", in the form of FORMAT.md, section 3.
 NAMES = "0 background\n13 Übergang 255 0 10 255\n26 end 1 2 3\n900 nowhere\n"
 # The same numbers as volume.raw, on axes that are not along the world's.
 TURNED = """NRRD0004
@@ -121,7 +121,7 @@ def replace_table(f, table):
 
 
 def add_field(f, name):
-    """A field that no version knows, with rows of its own: those of linf_bar, again."""
+    """Adds a field that no version knows; its rows are copies of those of linf_bar."""
     fields = f.attrs["fields"]
     fields = (fields.decode() if isinstance(fields, bytes) else fields).split(",")
     old, rows = f["chunks"][...], []
@@ -148,7 +148,7 @@ def add_field(f, name):
 
 
 def newer_minor(f):
-    """What a later 2.x may add: attributes, groups, fields, and rows for what is no field."""
+    """What a later 2.x may add: attributes, groups, fields, and rows that belong to no field."""
     table = add_field(f, "curl_bar")
     replace_table(f, np.concatenate([table, table[-1:]]))
     set_version(f, 2, 99)
@@ -270,13 +270,13 @@ BAD = {"newer-minor": newer_minor, "newer-minor-misplaced": newer_minor_misplace
        "table-damaged": table_damaged, "incomplete": incomplete, "no-store": no_store}
 
 
-# What an HDF5 program changes has no footer any more, and is then as a store of 2.8. So of what is the same there, no second
-# ones are kept.
+# A store changed by an HDF5 program loses its footer, and is then like a store of 2.8. So these are not kept twice where
+# nothing else differs.
 SAME_SINCE_FOOTERS = {*BAD} - {"newer-minor", "newer-minor-misplaced"}
 
 
 def records_of(data):
-    """Of the catalogue: tag, detail, content."""
+    """The records of the catalogue: tag, detail, content."""
     begin, size = struct.unpack_from("<2Q", data, len(data) - 64)
     catalogue, records = data[begin:begin + size], []
     while catalogue:
@@ -304,7 +304,7 @@ def flipped(data, at):
 
 
 def later_catalogue(data):
-    """A later 2.x's: what is new in it, and records that have grown."""
+    """The catalogue of a later 2.x: with new records, and records that have grown."""
     records = records_of(data)
     with tempfile.NamedTemporaryFile() as file:
         file.write(data)
@@ -348,15 +348,15 @@ def make_bad(current):
             with h5py.File(store, "r+", libver=("earliest", "v110")) as f:
                 change(f)
     if tuple(map(int, current.split("."))) > (2, 9):
-        return  # all that follows is as in 2.9
+        return  # everything else is as in 2.9
     good = HERE / f"{current}-tiny.store"
     if not good.exists():
-        return  # the bad ones of an older version are the same
+        return  # the invalid stores of an older version are the same
     for name, change in BAD.items():
         store = HERE / f"{current}-{name}.store"
         if store.exists() or with_footer and name in SAME_SINCE_FOOTERS:
             continue
-        # On several levels, so that rows of a new field come between those of others.
+        # With several levels, so that rows of the new field lie between those of others.
         shutil.copyfile(HERE / f"{current}.store" if change is newer_minor else good, store)
         with h5py.File(store, "r+", libver=("earliest", "v110")) as f:
             change(f)

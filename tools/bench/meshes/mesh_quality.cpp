@@ -11,7 +11,7 @@
 // triangles that share vertices) and the number of triangles in the smallest one; euler (vertices -
 // edges + triangles). Angles in degrees: quantiles over the triangles of their smallest angle, and
 // the fraction of triangles in which it is below 5. folds_72, folds_150: edges of two triangles
-// with area whose normals differ by at least so many degrees. --min-component first removes the
+// with area whose normals differ by at least this many degrees. --min-component first removes the
 // components of fewer than N triangles.
 #include <algorithm>
 #include <numbers>

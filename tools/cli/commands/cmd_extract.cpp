@@ -289,7 +289,7 @@ void add_fetched_values(const Store& values, Result& result) {
     }
 }
 
-/// Extracts directly from the volume if possible, otherwise from a store made of it.
+/// Extracts directly from the volume if possible, otherwise from a store made from it.
 Result extract_volume(ExtractCommand& arguments, bool has_iso, Progress& progress) {
     ExtractArguments& a = arguments.extract;
     InputArguments& in = arguments.in;

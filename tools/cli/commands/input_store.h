@@ -1,4 +1,4 @@
-// The store that a command works on: opened from INPUT, or made of the volume that INPUT names.
+// The store that a command works on: opened from INPUT, or made from the volume that INPUT names.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -76,7 +76,7 @@ struct StoreRequest {
     int threads = 0;
 };
 
-/// A store made of a volume, and the report on making it.
+/// A store made from a volume, and the report on making it.
 struct MadeStore {
     Store store;
     std::string name;  ///< of the store if it is kept, else of the volume

@@ -88,7 +88,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--error", kHowClose, "E|P%", "largest error of the value, or in % of the range [0]", "error: float"},
     {"", "--error-relative", kHowClose, "R", "the same, as a fraction of the data's range", "error_relative: float"},
     {"", "--distance", kHowClose, "D[UNIT]", "largest distance to the full surface: 0.5mm, 1voxel", "distance: float | str"},
-    {"", "--triangles", kHowClose, "N", "at most so many triangles, as close as they can be", "triangles: int"},
+    {"", "--triangles", kHowClose, "N", "at most N triangles, as close as possible", "triangles: int"},
     {"", "--by", kHowClose, "distance|error", "what --triangles makes small [distance]", "by: choice"},
     {"", "--effort", kHowClose, "none|fast|best", "how far to simplify at the same error [best]", "effort: choice"},
     {"", "--indicator", kHowClose, "NAME", "[deviation], plus (looser) or estimate (no bound)", "indicator: choice"},
@@ -102,7 +102,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--fov", kHowClose, "DEG", "with --camera: vertical field of view, degrees [40]", "fov: float"},
     {"", "--height", kHowClose, "PIXELS", "with --camera: height of the picture, pixels [1080]", "height: int"},
     {"", "--bound", kHowClose, "FIELD", "field that rules out empty cells [the tightest]", "bound: str"},
-    {"", "--keep-analysis", kHowClose, "[=FOLDER]", "keep what makes the next distance fast", "keep_analysis: bool | Path"},
+    {"", "--keep-analysis", kHowClose, "[=FOLDER]", "keep an analysis that makes further distances fast", "keep_analysis: bool | Path"},
 
     // Regions and parts.
     {"", "--box", kWhichParts, "x0,y0,z0,x1,y1,z1", "only what is inside this box", "box: Box"},
@@ -142,8 +142,8 @@ constexpr OptionRow kOptions[] = {
     {"", "--compression", kWritten, "LEVEL", "zstd level, 1 to 19 [{}]", "compression: int"},
     {"", "--tolerance", kWritten, "T", "round values, by at most 2, 0.5%, bits:4 or auto", "tolerance: float | str"},
     {"", "--exact", kWritten, "", "indicators in full precision, not in 16 bits", "exact: bool"},
-    {"", "--link", kWritten, "URL", "where a store is, in place of a copy in the folder", kSitesByProgram},
-    {"", "--hard-link", kWritten, "", "link the stores, in place of copies", kSitesByProgram},
+    {"", "--link", kWritten, "URL", "URL of a store, instead of a copy in the folder", kSitesByProgram},
+    {"", "--hard-link", kWritten, "", "hard-link the stores instead of copying them", kSitesByProgram},
     {"", "--title", kWritten, "TEXT", "above the picture; once, or once for each store", kSitesByProgram},
     {"", "--description", kWritten, "TEXT", "likewise; an empty line begins a paragraph", kSitesByProgram},
     {"", "--license", kWritten, "TEXT", "likewise", kSitesByProgram},
@@ -184,7 +184,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--missing", kReading, "V", "this value means missing data, as NaN does", "missing: float"},
     {"preprocess info check", "--labels", kReading, "", "values are labels: whole numbers, with names", "labels: bool"},
     {"", "--label-names", kReading, "FILE", "names and colours (FreeSurfer, Slicer, ITK-SNAP)", "label_names: Path"},
-    {"", "--keep-store", kReading, "STORE", "keep the store that is made of a volume", "(the function isonest.preprocess)"},
+    {"", "--keep-store", kReading, "STORE", "keep the store that is made from a volume", "(the function isonest.preprocess)"},
     {"", "--header", kNetwork, "HEADER", "sent with each request: 'Name: value', or @FILE", "headers: Headers"},
     {"", "--cache", kNetwork, "FOLDER[:SIZE]", "keep what was fetched here, up to SIZE [1G]", "cache: Path"},
 

@@ -58,13 +58,13 @@ std::string cubes_of(const Histogram& h) {
     }
     if (*h.cube_level == 0) {
         return fmt::format(
-            "{}: how many of the finest level the surface of the row's first value crosses{}\n",
+            "{}: number on the finest level that the surface of the row's first value crosses{}\n",
             cubes_name(h),
             h.dimension == 3 ? "; the\nfull surface has about 6 triangles in each" : "");
     }
     const int edge = 1 << *h.cube_level;
     return fmt::format(
-        "cubes: how many blocks of {0}^3 cubes the surface of the row's first value crosses; "
+        "cubes: number of blocks of {0}^3 cubes that the surface of the row's first value crosses; "
         "--level 0\ncounts cubes of the finest level\n",
         edge);
 }

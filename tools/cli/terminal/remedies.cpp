@@ -131,7 +131,7 @@ Phrase phrase_of(RemedyKind kind) {
                     "", ""};
         case RemedyKind::say_unit:
             return {"say_unit", "--unit",
-                    "give a volume file's --unit {}, or preprocess the volume again with --unit",
+                    "give --unit {} for a volume file, or preprocess the volume again with --unit",
                     "give --unit", "preprocess the volume again with --unit"};
         case RemedyKind::world_units:
             return {"world_units", "", "give a plain number", "", ""};

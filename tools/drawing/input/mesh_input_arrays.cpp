@@ -33,7 +33,7 @@ std::uint64_t size_of(Number type) {
     return type == Number::u16 ? 2 : type == Number::f64 || type == Number::i64 ? 8 : 4;
 }
 
-/// Base64 letters for so many bytes.
+/// Base64 letters for this many bytes.
 std::uint64_t letters_of(std::uint64_t bytes) {
     return bytes / 3 * 4 + (bytes % 3 > 0 ? 4 : 0);
 }

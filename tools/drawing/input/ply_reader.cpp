@@ -318,7 +318,7 @@ std::array<std::uint32_t, 3> PlyMesh::triangle(std::uint64_t i) const {
     std::array<std::uint32_t, 3> corners{};
     std::memcpy(corners.data(), at + 1, sizeof(corners));
     for (const std::uint32_t v : corners) {
-        // A negative int is >= 2^31 here; so many vertices are only possible with uint.
+        // A negative int is >= 2^31 here; that many vertices are only possible with uint.
         if (v >= vertices_ || (signed_indices_ && v > 0x7FFFFFFFU)) {
             throw Error(ErrorKind::corrupt, {name_, fmt::format("face {}", i)},
                         fmt::format("refers to vertex {}, but there are {}",

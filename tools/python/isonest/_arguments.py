@@ -136,7 +136,7 @@ def reporting(progress: Progress) -> Iterator[Optional[ProgressFunction]]:
 
 
 def refuse_unknown(function: str, given: Iterable[str], known: Iterable[str], ways: Mapping[str, str]) -> None:
-    """Raises TypeError for a keyword that a public function does not have: with the way to do it, or a similar name."""
+    """Raises TypeError for an unknown keyword of a public function, and suggests an alternative or a similar name."""
     names = list(known)
     for name in given:
         if name not in names:

@@ -50,7 +50,7 @@ class CancelledError(Error, KeyboardInterrupt):
 
 
 def made(kind: "type[Error]", file: str, problem: str, remedies: "Sequence[str]" = (), inside: str = "") -> Error:
-    """An exception with all its attributes, and the message that is made of them."""
+    """An exception with all its attributes, and a message made from them."""
     advice = "; " + ", or ".join(remedies) if remedies else ""
     error = kind(f"{file}: {problem}{advice}" if file else problem + advice)
     error.file, error.inside, error.problem, error.remedies = file, inside, problem, tuple(remedies)

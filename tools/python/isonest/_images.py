@@ -124,7 +124,7 @@ def is_image(volume: Any) -> bool:
 
 
 def _has(volume: Any, *names: str) -> bool:
-    # The type, so that no attribute is computed.
+    # Look at the type, so that no property is evaluated.
     return all(hasattr(type(volume), name) or name in getattr(volume, "__dict__", ()) for name in names)
 
 

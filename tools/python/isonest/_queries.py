@@ -184,7 +184,7 @@ def isovalue(iso: Any, level: Any) -> Any:
 
 OF_MARCHING_CUBES = {
     "method": "there is one method: leave it out",
-    "mask": "it is for isonest.isosurface() with an array; a store can be made of np.ma.masked_array(volume, ~mask)",
+    "mask": "it is for isonest.isosurface() with an array; a store can be made from np.ma.masked_array(volume, ~mask)",
     "step_size": "it is for isonest.isosurface(); of a store, error= and distance= make smaller meshes, within a bound",
     "allow_degenerate": "leave it out: no triangle has an area of 0, except for report.zero_area_triangles",
     "spacing": "it is given to isonest.preprocess()",
@@ -196,7 +196,7 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 
 
 def renew(keywords: "dict[str, Any]") -> "dict[str, Any]":
-    """Keywords with names of isonest 0.4 as they are called now, with a DeprecationWarning for each."""
+    """Converts keywords of isonest 0.4 to their current names, with a DeprecationWarning for each."""
     renewed = dict(keywords)
 
     def old(name: str, instead: str) -> Any:
@@ -225,7 +225,7 @@ def with_old_names(method: _F) -> _F:
 
 
 def with_ways(name: str) -> Callable[[_F], _F]:
-    """Makes a method answer unknown keywords with the way to do it, by the name that its callers know."""
+    """Makes a method suggest alternatives to unknown keywords; `name` is the name that its callers know."""
     def wrap(method: _F) -> _F:
         known = inspect.signature(method).parameters.keys() - {"self"}
 

@@ -17,7 +17,7 @@ from ._store import Store
 
 _Path = Union[str, "os.PathLike[str]"]
 
-# In three dimensions napari shows the coarsest level alone. This is the most nodes that it gets, about 256^3.
+# In three dimensions napari shows only the coarsest level. This is its maximum number of nodes, about 256^3.
 _MAX_NODES_IN_3D = 2**24
 
 
@@ -55,7 +55,7 @@ class Level:
             places[at:at + 1] = [slice(None)] * (self.ndim - len(places) + 1)
         places += [slice(None)] * (self.ndim - len(places))
         if len(places) > self.ndim or not all(isinstance(place, (slice, int, np.integer)) for place in places):
-            return np.asarray(self)[index]  # lists and masks: NumPy knows what they mean, or refuses them
+            return np.asarray(self)[index]  # lists and masks: NumPy interprets or refuses them
         read: "list[Union[slice, int]]" = [0] if self._is_plane else []
         then: "list[slice]" = []
         for place, length in zip(places, self.shape):
@@ -70,7 +70,7 @@ class Level:
 
 
 def _placement(store: Store) -> "dict[str, Any]":
-    """What puts indices of the finest level into the world, in the order (z, y, x)."""
+    """The transformation from indices of the finest level to the world, in the order (z, y, x)."""
     plane = slice(1, 3) if store.shape[0] == 1 else slice(0, 3)
     if store.direction == ALONG_WORLD or store.shape[0] == 1:
         return {"scale": store.spacing[plane], "translate": store.origin[plane]}

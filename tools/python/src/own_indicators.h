@@ -1,4 +1,4 @@
-// Indicators whose numbers a Python function or a volume says.
+// Indicators whose numbers come from a Python function or a volume.
 #pragma once
 
 #include <pybind11/pybind11.h>

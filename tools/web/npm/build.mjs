@@ -1,5 +1,5 @@
 // Makes the npm package: OUT/isonest/ and OUT/isonest-VERSION.tgz. usage: node build.mjs WASM_FOLDER OUT
-// WASM_FOLDER: of tools/build-wasm. The bundler and the compiler of types are those of tools/view/web (npm ci there).
+// WASM_FOLDER: made by tools/build-wasm. The bundler and the TypeScript compiler are those of tools/view/web (npm ci there).
 import { execFileSync } from "node:child_process";
 import { copyFile, mkdir, readFile, rm, writeFile } from "node:fs/promises";
 import { createRequire } from "node:module";
@@ -13,7 +13,7 @@ const [wasm, out] = process.argv.slice(2).map((path) => resolve(path));
 if (!out) throw new Error("usage: node build.mjs WASM_FOLDER OUT");
 const { build } = createRequire(join(web, "package.json"))("esbuild");
 
-/** What isonest.wasm contains, by Debian's packages, whose copyright files have the licences. */
+/** The Debian packages of the libraries in isonest.wasm; their copyright files contain the licences. */
 const kContained = ["libzstd-dev", "libxxhash-dev", "libmeshoptimizer-dev", "libfmt-dev", "nlohmann-json3-dev", "robin-map-dev", "emscripten"];
 
 /** The version of the project; this is the only place that states it. */

@@ -1,4 +1,4 @@
-// The surface: its requests, and what is shown of it.
+// The surface: its requests, and what is shown about it.
 import type { Api, Parameters } from "./api";
 import { DrawnMesh } from "./drawn_mesh";
 import type { MeshHeader, StoreInfo } from "./protocol";

@@ -3,7 +3,7 @@ import { type Message, type OpenOptions, type Port, type Source, Store, type Wor
 
 export * from "./store.js";
 
-/** What relative addresses start from; a worker has no document. */
+/** The base of relative addresses; a worker has no document. */
 function base(): string {
   return typeof document === "undefined" ? location.href : document.baseURI;
 }
@@ -15,7 +15,7 @@ function sourceOf(source: Source): WorkerSource {
   return { url: new URL(source, base()).href };
 }
 
-/** Browsers start workers of the page's own origin only; a script of another origin has to be imported by one. */
+/** Browsers only start workers of the page's own origin; such a worker then imports a script of another origin. */
 function startWorker(folder: string | URL | undefined): Worker {
   const here = new URL("./", import.meta.url);
   if (folder === undefined && here.origin === location.origin) return new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
@@ -27,7 +27,7 @@ function startWorker(folder: string | URL | undefined): Worker {
 }
 
 /**
- * Opens a store. Of a store at a URL, only what queries need is fetched, by range requests.
+ * Opens a store. From a URL, only the data that queries need are fetched, by range requests.
  *
  * Throws IsonestError if this is not a store, or cannot be read.
  */

@@ -1,4 +1,4 @@
-// Modules without types of their own: the loader that emscripten makes, and what is used of Node.
+// Types of modules that have none: the loader made by emscripten, and the parts of Node that are used.
 declare module "isonest:loader" {
   const load: (options: object) => Promise<unknown>;
   export default load;

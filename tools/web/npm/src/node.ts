@@ -37,8 +37,8 @@ function answerShared(shared: SharedArrayBuffer, bytes: Uint8Array | string): vo
 }
 
 /**
- * Opens a store: a file, the URL of one on a web server, of which only what queries need is fetched, by range requests, or
- * bytes.
+ * Opens a store: a file, bytes, or a URL, from which only the data that queries need are fetched, by range
+ * requests.
  *
  * Throws IsonestError if this is not a store, or cannot be read.
  */

@@ -3,7 +3,7 @@ import { Cancelled, type Loader, type ObjectBytes, WasmStore } from "../../../vi
 import loadLoader from "isonest:loader";
 import type { Message, Order, WorkerSource } from "./store.js";
 
-/** The thread that opened the store, as the worker sees it. */
+/** The worker's interface to the thread that opened the store. */
 export interface Opener {
   send(message: Message, transfer: ArrayBuffer[]): void;
 }
@@ -45,7 +45,7 @@ function told(error: unknown): { kind: string; message: string } {
   return { kind: typeof kind === "string" ? kind : "io", message };
 }
 
-/** Returns the function for orders. */
+/** Returns the function that handles orders. */
 export function serve(place: Place): (order: Order) => void {
   const { opener } = place;
   const waiting: Waiting[] = [];
@@ -73,7 +73,7 @@ export function serve(place: Place): (order: Order) => void {
         }
         if (!(error instanceof Cancelled)) answerError(request.id, error);
       }
-      // Lets messages in, of which one may cancel the next request.
+      // Processes waiting messages, one of which may cancel the next request.
       await new Promise((go) => setTimeout(go, 0));
     }
     running = null;

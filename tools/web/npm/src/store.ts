@@ -3,38 +3,38 @@
 /** x, y, z, in world units. */
 export type Vector = readonly [number, number, number];
 
-/** Bytes in memory, a `Blob` or `File`, or the address of a store on a web server. In Node a text without a scheme, and a `file:` URL, is a file. */
+/** Bytes in memory, a `Blob` or `File`, or the address of a store on a web server. In Node, a string without a scheme or a `file:` URL is a file. */
 export type Source = string | URL | Blob | ArrayBuffer | Uint8Array;
 
 export interface OpenOptions {
-  /** The most bytes that WebAssembly may use for this store, 32 MiB to 2 GiB; default 256 MiB. Results and answers of servers are in addition to it. */
+  /** Maximum number of bytes that WebAssembly may use for this store, 32 MiB to 2 GiB; default 256 MiB. Results and server responses are not included. */
   readonly memory?: number;
-  /** The folder of `worker.js` and `isonest.wasm`, where a bundler does not find them by itself. Not in Node. */
+  /** The folder of `worker.js` and `isonest.wasm`, if the bundler does not find them. Not in Node. */
   readonly files?: string | URL;
 }
 
 export interface StoreInfo {
   readonly name: string;
-  /** Sample points along x, y, z; data in a plane have 1 along z. */
+  /** Number of sample points along x, y, z; 1 along z for data in a plane. */
   readonly dims: Vector;
   readonly spacing: Vector;
   /** The world position of the first node. */
   readonly origin: Vector;
   /** Unit vectors of the volume's axes x, y, z in the world. */
   readonly direction: readonly [Vector, Vector, Vector];
-  /** Of all lengths: "mm", "um", ...; null if unknown. */
+  /** The unit of all lengths: "mm", "um", ...; null if unknown. */
   readonly unit: string | null;
-  /** What the world's axes mean in a patient; null if unknown. */
+  /** The patient axes of the world; null if unknown. */
   readonly frame: "RAS" | "LPS" | null;
   /** The smallest and the largest value; null if all are missing. */
   readonly range: readonly [number, number] | null;
-  /** Of the values: "uint8", "float32", ... */
+  /** Type of the values: "uint8", "float32", ... */
   readonly type: string;
   readonly hasMissing: boolean;
   /** Whether the values are labels. */
   readonly labels: boolean;
   readonly levels: number;
-  /** 3, or 2 for data in a plane. */
+  /** Number of dimensions: 3, or 2 for data in a plane. */
   readonly dimension: number;
   readonly bytes: number;
   /** By how much values were rounded when the store was made; part of every error bound. */
@@ -44,24 +44,24 @@ export interface StoreInfo {
 }
 
 interface Choices {
-  /** World coordinates: the smaller corner, then the larger one. */
+  /** In world coordinates: the corner with the smallest coordinates, then the opposite one. */
   readonly box?: readonly [number, number, number, number, number, number];
-  /** Of positions and normals. Default: as in the store, which `info.frame` names. */
+  /** Patient axes of positions and normals. Default: as in the store (`info.frame`). */
   readonly space?: "ras" | "lps";
   /** Rejects the promise with the signal's reason. */
   readonly signal?: AbortSignal;
 }
 
 export interface SurfaceOptions extends Choices {
-  /** The value of the surface. */
+  /** The isovalue. */
   readonly iso?: number;
-  /** Instead: the surface around the nodes with this label. */
+  /** Instead of `iso`: the surface around the nodes with this label. */
   readonly label?: number | bigint;
   /** The data on the mesh differ from `iso` by at most this; "1%" is a part of the range. 0, the default, is full resolution. */
   readonly error?: number | `${number}%`;
-  /** Instead: nowhere farther than this from the surface at full resolution, in both directions; a number is in world units. */
+  /** Instead of `error`: maximum distance between the mesh and the surface at full resolution, in both directions; a plain number is in world units. */
   readonly distance?: number | `${number}voxel`;
-  /** Instead: the smallest distance for at most so many triangles. */
+  /** Instead of `error`: the smallest distance for which the mesh has at most this many triangles. */
   readonly triangles?: number;
   /** How a mesh within an error or a distance is simplified. Default: "fast". The bound is the same; "best" takes longer and gives fewer triangles. */
   readonly effort?: "none" | "fast" | "best";
@@ -71,11 +71,11 @@ export interface SurfaceOptions extends Choices {
   readonly components?: "all" | "largest";
   /** Closes the surface at the borders of the volume or the box; the space outside is treated as below or above `iso`. */
   readonly close?: "below" | "above";
-  /** For a label: a smooth surface, in so many passes, 0 to 64. */
+  /** For a label: a smooth surface; the number of smoothing passes, 0 to 64. */
   readonly smooth?: number;
 }
 
-/** A plane: one of the volume's axes and a node along it, a world axis and a position, or nx x + ny y + nz z = d. For data in a plane it does not matter. */
+/** A plane: one of the volume's axes and a node along it, a world axis and a position, or nx x + ny y + nz z = d. Ignored for data in a plane. */
 export type Plane =
   | { readonly axis: "x" | "y" | "z"; readonly index: number }
   | { readonly axis: "x" | "y" | "z"; readonly position: number }
@@ -87,13 +87,13 @@ export type SliceOptions = Choices & Plane & {
 };
 
 export type ImageOptions = SliceOptions & {
-  /** Pixels. The height follows; pixels are square. */
+  /** In pixels. The height follows from it, as pixels are square. */
   readonly width: number;
 };
 
-/** What is proven of a result, and what it took. */
+/** What is proven about a result, and the work that it took. */
 export interface Report {
-  /** The bound of what was asked for: `errorBound`, `distanceBound` or `smoothBound`. */
+  /** The bound of the requested kind: `errorBound`, `distanceBound` or `smoothBound`. */
   readonly bound: number;
   /** The largest difference between the data on the mesh and the isovalue; for a slice, between its values and the data. Null for a distance. */
   readonly errorBound: number | null;
@@ -103,16 +103,16 @@ export interface Report {
   readonly distanceBound: number | null;
   /** For a smooth label: the largest distance between the mesh and the faces of the voxels. */
   readonly smoothBound: number | null;
-  /** Whether the mesh has at most `triangles`; null if they were not asked for. */
+  /** Whether the mesh has at most `triangles`; null if none were requested. */
   readonly withinBudget: boolean | null;
-  /** Square world units; null for lines. */
+  /** In square world units; null for lines. */
   readonly area: number | null;
-  /** Cubic world units; null if the mesh is open. */
+  /** In cubic world units; null if the mesh is open. */
   readonly volume: number | null;
   readonly unit: string | null;
-  /** Of the library, without waiting for a server. */
+  /** Time in the library, without waiting for a server. */
   readonly seconds: number;
-  /** What the query read of the store. */
+  /** What the query read from the store. */
   readonly bytesRead: number;
 }
 
@@ -120,7 +120,7 @@ export interface Report {
 export interface Mesh extends Report {
   /** x, y, z of each vertex, world units. */
   readonly positions: Float32Array;
-  /** Vertices of each triangle, counter-clockwise seen from smaller values; of each line for data in a plane. */
+  /** Vertices of each triangle, counter-clockwise seen from smaller values; for data in a plane, of each line. */
   readonly indices: Uint32Array;
   /** Indices per element: 3, or 2 for lines. */
   readonly corners: 2 | 3;
@@ -136,11 +136,11 @@ export interface Slice extends Mesh {
   readonly values: Float32Array;
 }
 
-/** Pixel (i, j), with the number j * width + i, is the world point origin + i right + j down. */
+/** Pixel (i, j), at index j * width + i, is the world point origin + i right + j down. */
 export interface SliceImage extends Report {
   readonly width: number;
   readonly height: number;
-  /** NaN outside of the volume, and where a value is missing. */
+  /** NaN outside the volume, and where a value is missing. */
   readonly values: Float32Array;
   readonly origin: Vector;
   readonly right: Vector;
@@ -153,11 +153,11 @@ export interface Histogram {
   readonly bins: readonly { readonly low: number; readonly nodes: number }[];
   /** The upper end of the last bin. */
   readonly end: number | null;
-  /** Isovalues worth a look, the most prominent one first. */
+  /** Suggested isovalues, the most prominent one first. */
   readonly suggested: readonly number[];
 }
 
-/** An error of the library, with its message. `kind` is "invalid_argument", "not_found", "corrupt", "unsupported", "io" or "limit". */
+/** An error reported by the library. `kind` is "invalid_argument", "not_found", "corrupt", "unsupported", "io" or "limit". */
 export class IsonestError extends Error {
   override readonly name = "IsonestError";
   constructor(message: string, readonly kind: string) {
@@ -165,7 +165,7 @@ export class IsonestError extends Error {
   }
 }
 
-/** @internal What the worker gets. */
+/** @internal Messages to the worker. */
 export type Order =
   | { readonly kind: "open"; readonly source: WorkerSource; readonly memory: number }
   | { readonly kind: "ask"; readonly id: number; readonly target: string }
@@ -180,7 +180,7 @@ export type WorkerSource =
   | { readonly path: string }
   | { readonly served: { readonly name: string; readonly size: number; readonly roundTrip: number } };
 
-/** @internal What the worker sends. */
+/** @internal Messages from the worker. */
 export type Message =
   | { readonly kind: "opened" }
   | { readonly kind: "failed"; readonly error: { readonly kind: string; readonly message: string } }
@@ -195,7 +195,7 @@ export interface Port {
   end(): void;
 }
 
-/** @internal Starts a worker, which calls `received` and, if it cannot run, `broken`. */
+/** @internal Starts a worker. Calls `received` for each of its messages, and `broken` if it cannot run. */
 export type Start = (received: (message: Message) => void, broken: (message: string) => void) => Port;
 
 interface Answer {
@@ -241,7 +241,7 @@ export class Store {
   /** The surface where the data have the value `iso`. For data in a plane: lines. */
   async surface(options: SurfaceOptions): Promise<Surface> {
     const { iso, label, error, distance, triangles, normals = true, components, close, smooth } = options;
-    // A page waits for its meshes. At full resolution there is nothing to simplify.
+    // "fast", because a page waits for its meshes. At full resolution there is nothing to simplify.
     const { effort = error || distance || triangles ? "fast" : undefined } = options;
     const { json, arrays } = await this.#query("surface", options, {
       iso, label, distance: this.#length(distance), triangles, components, close, smooth, effort, normals: normals ? 1 : 0,
@@ -298,11 +298,11 @@ export class Store {
     const given = { ...rest, error: this.#error(options.error), box: options.box?.join(",") };
     const parameters = new URLSearchParams();
     for (const [name, value] of Object.entries(given)) if (value !== undefined) parameters.set(name, String(value));
-    if (options.space !== undefined && this.info.frame === null) throw new IsonestError(`${this.info.name}: space "${options.space}": the store does not say what its axes mean in a patient`, "invalid_argument");
+    if (options.space !== undefined && this.info.frame === null) throw new IsonestError(`${this.info.name}: space "${options.space}": the patient axes of the store are unknown`, "invalid_argument");
     return this.#calls.ask(`/arrays/${what}?${parameters}`, options.signal);
   }
 
-  /** A part of the range in the data's unit. */
+  /** The error in units of the data, from a percentage of the range. */
   #error(error: number | string | undefined): number | undefined {
     if (typeof error !== "string") return error;
     const [low, high] = this.info.range ?? [0, 0];
@@ -362,7 +362,7 @@ export class Store {
     const along = at(direction, steep.findIndex((one) => one <= Math.min(...steep) + 1e-9));
     const right = unit(minus(along, normal, dot(along, normal)));
     let down = unit(cross(normal, right));
-    // Rows follow each other in the direction of the axes, whichever side the normal points to.
+    // Rows follow each other in the direction of the axes, whatever the direction of the normal.
     if (direction.reduce((sum, one) => sum + dot(one, down), 0) < 0) down = [-down[0], -down[1], -down[2]];
     const edges = direction.map((one, axis) => vector(one.map((x) => x * (spacing[axis] ?? 0) * ((dims[axis] ?? 1) - 1))));
     let [low, high] = extentOf(cut(origin, edges, normal, offset), right, down);
@@ -381,7 +381,7 @@ export class Store {
   }
 }
 
-/** Triangles (or lines) as vtk.js wants them: the number of corners before the corners of each. */
+/** Triangles (or lines) in the form of vtk.js: each preceded by its number of corners. */
 export function vtkCells({ indices, corners }: Pick<Mesh, "indices" | "corners">): Uint32Array {
   const count = indices.length / corners;
   const cells = new Uint32Array(count * (corners + 1));
@@ -392,7 +392,7 @@ export function vtkCells({ indices, corners }: Pick<Mesh, "indices" | "corners">
   return cells;
 }
 
-/** Calls into a worker: each gets its answer, in any order. */
+/** Calls to a worker; answers arrive in any order. */
 class Calls {
   readonly #port: Port;
   readonly #waiting = new Map<number, Waiting>();
@@ -478,12 +478,12 @@ class Calls {
 /** An error of the library. */
 interface Problem {
   readonly kind: string;
-  /** With the texts of the remedies. */
+  /** Includes the remedies. */
   readonly message: string;
   readonly remedies?: readonly { readonly kind: string; readonly value: string; readonly text: string }[];
 }
 
-/** The part of the memory that a query gets: MemoryShares::of_page in tools/view/store_answers.cpp. */
+/** The share of the memory for a query: MemoryShares::of_page in tools/view/store_answers.cpp. */
 const kShare = 6 / 16;
 
 /** The library's message, with this package's option in place of the program's. */

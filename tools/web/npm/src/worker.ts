@@ -13,7 +13,7 @@ const scope = self as unknown as {
   postMessage(message: Message, transfer: Transferable[]): void;
 };
 
-/** Parts of a file that the user chose: never as a whole in memory. */
+/** Parts of a file chosen by the user, which is never entirely in memory. */
 class BlobBytes implements ObjectBytes {
   readonly roundTrip = 0;
   readonly size: number;
