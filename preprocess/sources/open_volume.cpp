@@ -26,6 +26,7 @@
 #include "preprocess/sources/volume_format.h"
 #include "preprocess/sources/wrapping/cropped_source.h"
 #include "preprocess/sources/wrapping/label_names.h"
+#include "preprocess/sources/wrapping/repeated_source.h"
 #include "preprocess/sources/wrapping/scaled_source.h"
 #include "preprocess/sources/wrapping/wrapped_source.h"
 #include "store/base/label_text.h"
@@ -375,7 +376,7 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
         }
         source = with_missing(std::move(source), missing);
     }
-    return source;
+    return repeated(std::move(source), options.periodic, options.repeat);
 }
 
 std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,

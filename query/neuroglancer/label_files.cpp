@@ -95,16 +95,6 @@ void DetailNodes::finish() {
 
 namespace {
 
-/// Writes the numbers of the index.
-class IndexOutput : public AppendedFile {
-  public:
-    using AppendedFile::AppendedFile;
-    template <class T>
-    void add(T number) {
-        AppendedFile::add(std::as_bytes(std::span(&number, 1)));
-    }
-};
-
 void write_whole(const std::filesystem::path& path, const std::string& text) {
     OutputFile file(path, true);
     file.write_at(0, std::as_bytes(std::span(text)));
@@ -114,10 +104,16 @@ void write_whole(const std::filesystem::path& path, const std::string& text) {
 }  // namespace
 
 LabelFiles::LabelFiles(const std::filesystem::path& folder, std::int64_t label,
-                       const ScratchFolder& scratch)
-    : index_path_(folder / fmt::format("{}.index", label)),
-      data_(folder / fmt::format("{}", label), true),
-      nodes_(scratch) {}
+                       const ScratchFolder& scratch, Shards* shards)
+    : label_(label),
+      index_path_(folder / fmt::format("{}.index", label)),
+      waiting_(scratch),
+      shards_(shards),
+      nodes_(scratch) {
+    if (shards == nullptr) {
+        data_.emplace(folder / fmt::format("{}", label), true);
+    }
+}
 
 DetailLevel LabelFiles::add_level(const CutMesh& mesh, const Progress& progress) {
     DetailLevel level;
@@ -129,7 +125,11 @@ DetailLevel LabelFiles::add_level(const CutMesh& mesh, const Progress& progress)
         }
         progress.check();
         const std::vector<std::byte> bytes = encode_fragment(triangles);
-        data_.write_at(end_, bytes);
+        if (data_) {
+            data_->write_at(end_, bytes);
+        } else {
+            waiting_.write_at(end_, bytes);
+        }
         end_ += bytes.size();
         nodes_.add({mesh.cell(i), static_cast<std::uint32_t>(bytes.size()),
                     mesh.grid().level > 0 ? eighths_of(triangles) : 0});
@@ -140,45 +140,63 @@ DetailLevel LabelFiles::add_level(const CutMesh& mesh, const Progress& progress)
     return level;
 }
 
-void LabelFiles::publish(const DetailGrid& grid, std::span<const double> scales) {
-    nodes_.finish();
-    IndexOutput index(index_path_);
+template <class Add>
+void LabelFiles::write_manifest(const DetailGrid& grid, std::span<const double> scales,
+                                const Add& add) {
+    const auto number = [&](auto n) { add(std::as_bytes(std::span(&n, 1))); };
     for (int axis = 0; axis < 3; ++axis) {
-        index.add(static_cast<float>(grid.chunk));
+        number(static_cast<float>(grid.chunk));
     }
     for (int axis = 0; axis < 3; ++axis) {
-        index.add(static_cast<float>(grid.first[axis]));
+        number(static_cast<float>(grid.first[axis]));
     }
-    index.add(static_cast<std::uint32_t>(nodes_.levels()));
+    number(static_cast<std::uint32_t>(nodes_.levels()));
     for (const double scale : scales) {
-        index.add(static_cast<float>(scale));
+        number(static_cast<float>(scale));
     }
     for (std::size_t i = 0; i < 3 * nodes_.levels(); ++i) {
-        index.add(0.0F);  // no level is moved
+        number(0.0F);  // no level is moved
     }
     for (std::size_t i = 0; i < nodes_.levels(); ++i) {
         if (nodes_.of(i).size() > std::numeric_limits<std::uint32_t>::max()) {
             throw Error(ErrorKind::limit, {index_path_.string()},
                         "Neuroglancer's format numbers cells with 32 bits");
         }
-        index.add(static_cast<std::uint32_t>(nodes_.of(i).size()));
+        number(static_cast<std::uint32_t>(nodes_.of(i).size()));
     }
     for (std::size_t i = 0; i < nodes_.levels(); ++i) {
         for (int axis = 0; axis < 3; ++axis) {
             for (const DetailNode& node : nodes_.of(i)) {
-                index.add(static_cast<std::uint32_t>(node.cell[axis]));
+                number(static_cast<std::uint32_t>(node.cell[axis]));
             }
         }
         for (const DetailNode& node : nodes_.of(i)) {
-            index.add(node.bytes);
+            number(node.bytes);
         }
     }
-    data_.publish_as_named();
-    index.publish();
+}
+
+void LabelFiles::publish(const DetailGrid& grid, std::span<const double> scales) {
+    nodes_.finish();
+    if (data_) {
+        AppendedFile index(index_path_);
+        write_manifest(grid, scales, [&](std::span<const std::byte> bytes) { index.add(bytes); });
+        data_->publish_as_named();
+        index.publish();
+        return;
+    }
+    const std::uint64_t fragments = end_;
+    write_manifest(grid, scales, [&](std::span<const std::byte> bytes) {
+        waiting_.write_at(end_, bytes);
+        end_ += bytes.size();
+    });
+    const std::span<const std::byte> all = waiting_.map(end_);
+    shards_->add(static_cast<std::uint64_t>(label_), all.first(fragments), all.subspan(fragments));
 }
 
 void write_mesh_info(const std::filesystem::path& folder, const StoreHeader& header,
-                     const Double3& shift, bool properties) {
+                     const Double3& shift, bool properties,
+                     const std::optional<Sharding>& sharding) {
     const double unit = header.unit ? converted_length(1, *header.unit, LengthUnit::nanometre) : 1;
     std::string transform;
     for (std::size_t row = 0; row < 3; ++row) {
@@ -193,9 +211,10 @@ void write_mesh_info(const std::filesystem::path& folder, const StoreHeader& hea
     write_whole(folder / "info",
                 fmt::format("{{\"@type\": \"neuroglancer_multilod_draco\", "
                             "\"vertex_quantization_bits\": {}, \"transform\": [{}], "
-                            "\"lod_scale_multiplier\": 1{}}}\n",
+                            "\"lod_scale_multiplier\": 1{}{}}}\n",
                             kBitsInCell, transform,
-                            properties ? ", \"segment_properties\": \"segment_properties\"" : ""));
+                            properties ? ", \"segment_properties\": \"segment_properties\"" : "",
+                            sharding ? ", \"sharding\": " + sharding->json() : ""));
 }
 
 void write_segment_properties(const std::filesystem::path& folder,

@@ -14,6 +14,7 @@
 #include <isonest/neuroglancer_meshes.h>
 
 #include "query/neuroglancer/cut_mesh.h"
+#include "query/neuroglancer/shards.h"
 #include "query/simplify/block_files.h"
 #include "store/container/format.h"
 #include "store/files/output_file.h"
@@ -62,13 +63,14 @@ class DetailNodes {
     std::vector<List> levels_;
 };
 
-/// LABEL, the fragments of all levels, and LABEL.index, with their positions. Both appear at the
-/// end and replace existing files; without publish() none appears. Not thread-safe.
+/// The fragments of all levels of a label, and their positions, the manifest. Not thread-safe.
 class LabelFiles {
   public:
+    /// `shards`: where both are added; null: they are the files LABEL and LABEL.index of the
+    /// folder, which appear at the end and replace existing files; without publish() none appears.
     /// Throws Error{io, invalid_argument}.
     LabelFiles(const std::filesystem::path& folder, std::int64_t label,
-               const ScratchFolder& scratch);
+               const ScratchFolder& scratch, Shards* shards = nullptr);
 
     /// Adds the next level. REQUIRES: no cell has more than kMaxInFragment triangles. Throws
     /// Error{io, cancelled}.
@@ -78,17 +80,25 @@ class LabelFiles {
     void publish(const DetailGrid& grid, std::span<const double> scales);
 
   private:
+    /// Passes the manifest to add(bytes), piece by piece.
+    template <class Add>
+    void write_manifest(const DetailGrid& grid, std::span<const double> scales, const Add& add);
+
+    std::int64_t label_;
     std::filesystem::path index_path_;
-    OutputFile data_;
+    std::optional<OutputFile> data_;  ///< without shards
+    PiecedFile waiting_;              ///< the fragments, for the shards
+    Shards* shards_;
     std::uint64_t end_ = 0;
     DetailNodes nodes_;
 };
 
 /// Writes the file `info`: the mapping from the lattice to the world, in nanometres if the unit is
 /// known. Everything is moved by `shift`, world units. `properties`: whether there is a folder of
-/// them. Throws Error{io}.
+/// them. `sharding`: of meshes in shards. Throws Error{io}.
 void write_mesh_info(const std::filesystem::path& folder, const StoreHeader& header,
-                     const Double3& shift, bool properties);
+                     const Double3& shift, bool properties,
+                     const std::optional<Sharding>& sharding = {});
 
 /// Writes names of labels, displayed by Neuroglancer, to a folder `segment_properties`; labels
 /// without a name get an empty one. Throws Error{io}.

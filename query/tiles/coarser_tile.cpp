@@ -68,8 +68,8 @@ CoarserTile::CoarserTile(const Double3& step, double limit)
     : step_(step),
       // Positions are rounded to float32 before simplification, and by it.
       reserve_(2 * std::ldexp(kJoinedSteps * length(step), -24)) {
-    // In the end, coordinates are rounded by up to a step.
-    limit_ = limit - reserve_ - length(step);
+    // In the end, coordinates are rounded by up to a step, and lines are widened by two.
+    limit_ = limit - reserve_ - 3 * length(step);
     for (std::size_t axis = 0; axis < 3; ++axis) {
         joined_.box.lo[axis] = 0;
         joined_.box.hi[axis] = static_cast<float>(kJoinedSteps * step[axis]);

@@ -37,6 +37,9 @@ WholeCorner meeting_point(const WholeCorner& below, const WholeCorner& above, st
     return p;
 }
 
+/// Triangles that are held before they go to a temporary file.
+constexpr std::size_t kMaxWaiting = std::size_t{1} << 13U;
+
 /// Cuts triangles, and rounds their corners before and after.
 class Cutting {
   public:
@@ -253,6 +256,11 @@ void TileCutter::add_elements(const ElementBatch& batch) {
         return;
     }
     Cutting cutting(grid_);
+    const auto hand_over = [&] {
+        tiles_.add(cutting.triangles, cutting.errors);
+        cutting.triangles.clear();
+        cutting.errors.clear();
+    };
     for (std::size_t i = 0; i < batch.nearby_corners.size(); ++i) {
         std::array<WholeCorner, 3> corners;
         for (std::size_t k = 0; k < 3; ++k) {
@@ -276,8 +284,11 @@ void TileCutter::add_elements(const ElementBatch& batch) {
             corners[k].value = value_ != nullptr ? batch.nearby.number(v, *value_) : 0;
         }
         cutting.cut(corners, feature_of(batch, batch.nearby_corners[i][0]));
+        if (cutting.triangles.size() >= kMaxWaiting) {
+            hand_over();
+        }
     }
-    tiles_.add(cutting.triangles, cutting.errors);
+    hand_over();
 }
 
 }  // namespace isonest::detail

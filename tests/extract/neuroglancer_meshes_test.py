@@ -226,6 +226,48 @@ class NeuroglancerMeshes(unittest.TestCase):
         counts = self.require_near(labels, (1, 1, 1))
         self.assertTrue(all(len(levels) > 1 and levels[1] < levels[0] / 4 for levels in counts), counts)
 
+    def test_shards_have_the_files_of_labels(self):
+        """Read by the specification of neuroglancer_uint64_sharded_v1."""
+        labels = np.kron(RANDOM.permutation(4 * 8 * 10).reshape(4, 8, 10), np.ones((4, 4, 4), int)) * 3
+        store = self.store(labels + 1)
+        folder, listed = self.extract(store, "--smooth")
+        run("extract", store, "--labels", "all", "--smooth", "--format", "neuroglancer-sharded", "-o", self.folder / "s")
+        info = json.loads((self.folder / "s" / "info").read_text())
+        sharding = info.pop("sharding")
+        self.assertEqual(info, json.loads((folder / "info").read_text()))
+        self.assertEqual((sharding["@type"], sharding["hash"]), ("neuroglancer_uint64_sharded_v1", "identity"))
+        bits, mini, shift = (sharding[name] for name in ("shard_bits", "minishard_bits", "preshift_bits"))
+        self.assertEqual((sharding["data_encoding"], sharding["minishard_index_encoding"]), ("raw", "raw"))
+        self.assertGreater(bits, 0)
+        found, files = {}, sorted((self.folder / "s").glob("*.shard"))
+        self.assertLessEqual(len(files), 2**bits)
+        for file in files:
+            raw, head = file.read_bytes(), 16 << mini
+            for at, (start, end) in enumerate(np.frombuffer(raw, "<u8", 2 << mini).reshape(-1, 2).tolist()):
+                ids, starts, sizes = np.frombuffer(raw[head + start:head + end], "<u8").reshape(3, -1).astype(int)
+                place = 0
+                for label, skip, size in zip(np.cumsum(ids).tolist(), starts.tolist(), sizes.tolist()):
+                    place += skip
+                    hashed = label >> shift
+                    self.assertEqual((hashed >> mini) % 2**bits, int(file.stem, 16))
+                    self.assertEqual(hashed % 2**mini, at)
+                    self.assertEqual(len(file.stem), -(-bits // 4))
+                    manifest = raw[head + place:head + place + size]
+                    levels = int(np.frombuffer(manifest, "<u4", 1, 24)[0])
+                    nodes = np.frombuffer(manifest, "<u4", levels, 28 + 16 * levels).tolist()
+                    row, fragments = 28 + 20 * levels, 0
+                    for n in nodes:
+                        fragments += int(np.frombuffer(manifest, "<u4", n, row + 12 * n).sum())
+                        row += 16 * n
+                    found[label] = (manifest, raw[head + place - fragments:head + place])
+                    place += size
+        self.assertEqual(sorted(found), sorted(entry["id"] for entry in listed))
+        for label, (manifest, fragments) in found.items():
+            self.assertEqual(manifest, (folder / f"{label}.index").read_bytes())
+            self.assertEqual(fragments, (folder / str(label)).read_bytes())
+        listed = json.loads((self.folder / "s" / "labels.json").read_text())["labels"]
+        self.assertLessEqual({entry["mesh"] for entry in listed}, {file.name for file in files})
+
     def test_anisotropic_ones(self):
         self.require_near(cells(RANDOM, (20, 40, 100), 6, 4), (0.75, 1.5, 3))
 

@@ -145,6 +145,7 @@ def check_chunks(folder, volume, chunk):
             [*full, "--normals", "--vertex-values", store],
             [*full, "--close", "--error-relative", 0.1],
             ["extract", store, "--iso", 0.5, "-o", folder / "m.3mf"],
+            ["extract", store, "--iso", 0.5, "--format", "3dtiles", "-o", folder / "tiles"],
             ["slice", store, "--plane", "1,2,3,300", "-o", mesh, "--error-relative", 0.1],
             ["export", store, "--field", "values", "-o", folder / "e.nrrd", "--force"],
             ["export", store, "--field", "values", "-o", folder / "e.vti", "--force"],
@@ -201,7 +202,8 @@ def check_labels(folder):
                         (["--smooth=3", "--min-volume", "9", "--components", "3"], "meshes"),
                         (["--smooth", "--close", "--interfaces"], "i.vtp"),
                         (["--smooth", "--interfaces", "--distance", "0.5voxel", "--keep-nodes"], "i.vtp"),
-                        (["--smooth=3", "--close", "--format", "neuroglancer-multilod"], "levels")):
+                        (["--smooth=3", "--close", "--format", "neuroglancer-multilod"], "levels"),
+                        (["--smooth=3", "--format", "3dtiles"], "site")):
         if to == "levels" and "libdraco-dev" in run("extract", labels, "--labels", "1", "-o", folder / to, *options)[1]:
             continue  # this build has no Draco
         # Searching labels takes less memory than extracting them.

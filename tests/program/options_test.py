@@ -58,7 +58,8 @@ VOLUMES = ("volume", "plane volume", "raw volume", "standard input", "url of a v
 # with it.
 READING = {
     "--dataset": (["--dataset", "a"], []), "--series": (["--series", "1.2"], []), "--index": (["--index", "0"], []),
-    "--crop": (["--crop", "1:9,:,:"], []), "--every": (["--every", "2"], []), "--dims": (["--dims", "5,4,3"], []),
+    "--crop": (["--crop", "1:9,:,:"], []), "--every": (["--every", "2"], []),
+    "--periodic": (["--periodic", "x"], []), "--repeat": (["--repeat", "2,1,1"], ["--periodic", "x"]), "--dims": (["--dims", "5,4,3"], []),
     "--type": (["--type", "i2"], []), "--endian": (["--endian", "big"], []), "--offset": (["--offset", "4"], []),
     "--spacing": (["--spacing", "3,4,5"], []), "--origin": (["--origin", "7,8,9"], []), "--unit": (["--unit", "um"], []),
     "--frame": (["--frame", "ras"], []),

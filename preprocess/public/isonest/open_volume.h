@@ -42,7 +42,11 @@ struct SourceOptions {
     std::optional<bool> big_endian;       ///< raw: big instead of little endian
     std::optional<std::uint64_t> offset;  ///< raw: bytes to skip (of the decompressed stream)
     std::array<NodeRange, 3> crop = {};   ///< the part to read, along x, y and z
-    Int3 every{1, 1, 1};             ///< then keep every `every`-th node, starting with the first
+    Int3 every{1, 1, 1};  ///< then keep every `every`-th node, starting with the first
+    /// Along x, y and z: what is left is one period, which `repeat` repeats. The first nodes follow
+    /// once more after the last ones, so a surface closes across the seam.
+    std::array<bool, 3> periodic{};
+    Int3 repeat{1, 1, 1};            ///< number of periods; 1 along axes that are not periodic
     std::optional<Double3> spacing;  ///< overrides the file's (before `every`)
     std::optional<Double3> origin;   ///< overrides the file's (before the crop)
     /// Unit of spacing and origin; overrides the file's unit, the numbers do not change.

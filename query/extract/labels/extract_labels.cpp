@@ -65,11 +65,11 @@ class LabelDetails {
         : net_(net), header_(header), scratch_(net.scratch()), progress_(progress) {}
 
     NeuroglancerReport write(std::size_t number, const Label& label,
-                             const std::filesystem::path& folder) {
+                             const std::filesystem::path& folder, Shards* shards) {
         NeuroglancerReport report;
         DetailGrid grid = grid_of(header_, label);
         auto [finest, finest_report] = finest_of(number, label, grid);
-        LabelFiles files(folder, label.id, scratch_);
+        LabelFiles files(folder, label.id, scratch_, shards);
         add(*finest, files, 0, report);
         finest.reset();
         for (int level = 1; level < net_.levels(); ++level) {
@@ -142,9 +142,9 @@ DetailSetting detail_setting(const StoreHeader& header) {
 
 NeuroglancerReport write_label_details(const LabelNet& net, const StoreHeader& header,
                                        std::size_t number, const Label& label,
-                                       const std::filesystem::path& folder,
+                                       const std::filesystem::path& folder, Shards* shards,
                                        const Progress& progress) {
-    return LabelDetails(net, header, progress).write(number, label, folder);
+    return LabelDetails(net, header, progress).write(number, label, folder, shards);
 }
 
 }  // namespace isonest::detail
@@ -255,15 +255,25 @@ void extract_neuroglancer_meshes(
     const Store& store, std::span<const Label> labels, const LabelQuery& query,
     const std::filesystem::path& folder,
     const std::function<void(std::size_t number, const NeuroglancerReport&)>& done,
-    const ExtractOptions& options, Progress& progress, VoxelOrigin origin) {
+    const ExtractOptions& options, Progress& progress, VoxelOrigin origin, MeshStorage storage) {
     require_segments(store, labels);
-    detail::neuroglancer_labels(store.reader(), labels, query, folder, done, options, progress);
+    std::optional<detail::Shards> shards;
+    if (storage == MeshStorage::shards) {
+        shards.emplace(detail::ScratchFolder(options.scratch.empty() ? detail::temporary_folder()
+                                                                     : options.scratch));
+    }
+    detail::neuroglancer_labels(store.reader(), labels, query, folder, shards ? &*shards : nullptr,
+                                done, options, progress);
+    std::optional<detail::Sharding> sharding;
+    if (shards) {
+        sharding = shards->write(folder);
+    }
     const std::vector<LabelName> names = names_of(store, labels);
     if (!names.empty()) {
         detail::write_segment_properties(folder, names);
     }
     detail::write_mesh_info(folder, store.reader().layout().header(), shift_of(store, origin),
-                            !names.empty());
+                            !names.empty(), sharding);
 }
 
 }  // namespace isonest

@@ -9,6 +9,7 @@
 #include <isonest/progress.h>
 
 #include "query/extract/labels/label_net.h"
+#include "query/neuroglancer/shards.h"
 #include "store/container/format.h"
 
 namespace isonest::detail {
@@ -16,12 +17,12 @@ namespace isonest::detail {
 /// The settings of a net with details, for a store with this header.
 DetailSetting detail_setting(const StoreHeader& header);
 
-/// Writes the files of labels[number] of the net, `label`. REQUIRES: the net has details, as from
-/// detail_setting(). Throws Error{io, limit, cancelled}. Thread-safety: any number of concurrent
-/// calls.
+/// Writes labels[number] of the net, `label`, to its files, or to `shards` unless they are null.
+/// REQUIRES: the net has details, as from detail_setting(). Throws Error{io, limit, cancelled}.
+/// Thread-safety: any number of concurrent calls.
 NeuroglancerReport write_label_details(const LabelNet& net, const StoreHeader& header,
                                        std::size_t number, const Label& label,
-                                       const std::filesystem::path& folder,
+                                       const std::filesystem::path& folder, Shards* shards,
                                        const Progress& progress);
 
 }  // namespace isonest::detail

@@ -375,7 +375,7 @@ void smooth_labels(const StoreReader& store, std::span<const Label> labels, cons
 
 void neuroglancer_labels(
     const StoreReader& store, std::span<const Label> labels, const LabelQuery& query,
-    const std::filesystem::path& folder,
+    const std::filesystem::path& folder, Shards* shards,
     const std::function<void(std::size_t number, const NeuroglancerReport&)>& done,
     const ExtractOptions& options, Progress& progress) {
     const auto start = SmoothClock::now();
@@ -387,7 +387,7 @@ void neuroglancer_labels(
                        progress);
     each_label(net, sorted.size(), progress, [&](std::size_t i) {
         NeuroglancerReport report =
-            write_label_details(net, header, i, sorted[i], folder, progress);
+            write_label_details(net, header, i, sorted[i], folder, shards, progress);
         report.finest = timed(std::move(report.finest), start);
         done(place[i], report);
     });

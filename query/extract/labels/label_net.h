@@ -14,6 +14,7 @@
 
 #include "query/extract/labels/label_sheets.h"
 #include "query/extract/report.h"
+#include "query/neuroglancer/shards.h"
 #include "query/surface_nets/make_net.h"
 #include "query/surface_nets/net_mesh.h"
 #include "query/surface_nets/net_store.h"
@@ -113,11 +114,12 @@ void smooth_labels(const StoreReader& store, std::span<const Label> labels, cons
 ExtractReport smooth_label(const StoreReader& store, const LabelQuery& query, MeshSink& sink,
                            const ExtractOptions& options, Progress& progress);
 
-/// The files of the labels for extract_neuroglancer_meshes(). REQUIRES: query.smooth, Draco, and no
+/// The files of the labels for extract_neuroglancer_meshes(), or their meshes in `shards` unless
+/// they are null. REQUIRES: query.smooth, Draco, and no
 /// label below 0.
 void neuroglancer_labels(
     const StoreReader& store, std::span<const Label> labels, const LabelQuery& query,
-    const std::filesystem::path& folder,
+    const std::filesystem::path& folder, Shards* shards,
     const std::function<void(std::size_t number, const NeuroglancerReport&)>& done,
     const ExtractOptions& options, Progress& progress);
 

@@ -36,16 +36,20 @@ struct NeuroglancerReport {
 /// meshes must be shifted by half a voxel along each axis.
 enum class VoxelOrigin { middle, corner };
 
+/// How meshes are stored: two files for each label, or shards (neuroglancer_uint64_sharded_v1),
+/// files with about 64 to 128 labels each.
+enum class MeshStorage { files, shards };
+
 /// Shift of the meshes for such a volume, in world units.
 Double3 shift_of(const Store& store, VoxelOrigin origin);
 
 /// Whether this build can write these meshes; needs Draco.
 bool has_neuroglancer_meshes();
 
-/// Writes the meshes of labels (from find_labels()) into an existing folder, in the unsharded
-/// format neuroglancer_multilod_draco: the file `info`, files LABEL.index and LABEL for each label
-/// and, if the store has label names, the folder segment_properties. Existing files are replaced.
-/// The output depends only on the store, the query and the version of Draco.
+/// Writes the meshes of labels (from find_labels()) into an existing folder, in the format
+/// neuroglancer_multilod_draco: the file `info`, files LABEL.index and LABEL for each label, or
+/// shards, and, if the store has label names, the folder segment_properties. Existing files are
+/// replaced. The output depends only on the store, the query and the version of Draco.
 ///
 /// `query` must have `smooth` and no components; its label is ignored. Level 0 is the result of
 /// extract_labels() for the query, at full resolution or within its distance D; D then includes the
@@ -57,8 +61,8 @@ bool has_neuroglancer_meshes();
 ///
 /// File names follow Neuroglancer's convention, so negative labels are rejected. `done` is called
 /// from many threads, with the index of a label in `labels`. `info` is written last; if a label
-/// fails, the files of finished labels are kept. `origin`: kind of the volume shown with the
-/// meshes.
+/// fails, the files of finished labels are kept, and shards are not written. `origin`: kind of the
+/// volume shown with the meshes.
 ///
 /// Throws as extract_labels() for smooth labels, Error{unsupported} without Draco,
 /// Error{invalid_argument} for a negative label, and Error{io}.
@@ -67,6 +71,6 @@ void extract_neuroglancer_meshes(
     const std::filesystem::path& folder,
     const std::function<void(std::size_t number, const NeuroglancerReport&)>& done,
     const ExtractOptions& options = {}, Progress& progress = silent_progress(),
-    VoxelOrigin origin = VoxelOrigin::middle);
+    VoxelOrigin origin = VoxelOrigin::middle, MeshStorage storage = MeshStorage::files);
 
 }  // namespace isonest

@@ -15,6 +15,7 @@
 #include <isonest/mesh_file.h>
 #include <isonest/neuroglancer_meshes.h>
 
+#include "query/neuroglancer/shards.h"
 #include "store/files/output_file.h"
 #include "tools/cli/options/label_names.h"
 #include "tools/cli/options/surface_options.h"
@@ -29,8 +30,9 @@ namespace fs = std::filesystem;
 constexpr std::int64_t kMaxLabel = (std::int64_t{1} << 62U) - 1;
 constexpr const char* kNeuroglancer = "neuroglancer";
 constexpr const char* kDetails = "neuroglancer-multilod";
-constexpr std::array kFormats{"ply", "stl", "obj",         "vtp",    "vtkhdf",
-                              "glb", "3mf", kNeuroglancer, kDetails, kTiles};
+constexpr const char* kShards = "neuroglancer-sharded";
+constexpr std::array kFormats{"ply", "stl",         "obj",    "vtp",   "vtkhdf", "glb",
+                              "3mf", kNeuroglancer, kDetails, kShards, kTiles};
 
 /// Parses "all", "3,7,12-20" or "liver,spleen". Items that are not numbers are appended to `names`.
 std::vector<std::pair<std::int64_t, std::int64_t>> parse_labels(const std::string& text,
@@ -130,7 +132,7 @@ void write_text(const fs::path& path, const std::string& text) {
 
 /// File name of the mesh of a label.
 std::string mesh_name(std::int64_t id, const std::string& format) {
-    return format == kDetails
+    return format == kDetails || format == kShards
                ? fmt::format("{}", id)
                : fmt::format("{}.{}", id, format == kNeuroglancer ? "ngmesh" : format);
 }
@@ -220,7 +222,8 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
         if (std::find(kFormats.begin(), kFormats.end(), text) == kFormats.end()) {
             throw Error(ErrorKind::invalid_argument,
                         fmt::format("--format '{}': give one of ply, stl, obj, vtp, vtkhdf, "
-                                    "glb, 3mf, neuroglancer, neuroglancer-multilod, 3dtiles",
+                                    "glb, 3mf, neuroglancer, neuroglancer-multilod, "
+                                    "neuroglancer-sharded, 3dtiles",
                                     text));
         }
         a.format = text;
@@ -239,7 +242,7 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
 }
 
 bool makes_detail_levels(const LabelArguments& a) {
-    return a.format == kDetails;
+    return a.format == kDetails || a.format == kShards;
 }
 
 void resolve_label_names(LabelArguments& a, const Store& store) {
@@ -332,7 +335,8 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
                 take(i, report.finest);
                 levels[i] = report.levels;
             },
-            options, progress, over);
+            options, progress, over,
+            labels.format == kShards ? MeshStorage::shards : MeshStorage::files);
     } else {
         extract_labels(
             store, chosen, query,
@@ -348,14 +352,19 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     }
     Result result;
     Json list = Json::array();
+    const Sharding sharding = Sharding::of(chosen.size());
+    const auto file_of = [&](std::int64_t id) {
+        return labels.format == kShards
+                   ? sharding.file_name(sharding.shard_of(static_cast<std::uint64_t>(id)))
+                   : mesh_name(id, labels.format);
+    };
     std::uint64_t triangles = 0;
     double bound = 0;
     std::optional<SmoothReport> smooth;
     std::optional<ComponentReport> components;
     std::uint64_t scratch = 0;
     for (std::size_t i = 0; i < chosen.size(); ++i) {
-        list.push_back(
-            json_of(store, chosen[i], reports[i], mesh_name(chosen[i].id, labels.format)));
+        list.push_back(json_of(store, chosen[i], reports[i], file_of(chosen[i].id)));
         if (!levels.empty()) {
             list.back()["levels"] = json_of(levels[i]);
         }

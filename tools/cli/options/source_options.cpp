@@ -143,6 +143,20 @@ Int3 parse_nodes(const char* option, const std::string& text) {
     return parse_int3(option, in_plane(commas) ? commas + ",1" : commas, kMaxNodesPerAxis);
 }
 
+/// Parses "x,y" or "xy".
+std::array<bool, 3> parse_axes(const std::string& text) {
+    std::array<bool, 3> axes{};
+    for (const char c : text) {
+        if (c >= 'x' && c <= 'z') {
+            axes.at(static_cast<std::size_t>(c - 'x')) = true;
+        } else if (c != ',') {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("--periodic '{}': give axes, such as x,y or z", text));
+        }
+    }
+    return axes;
+}
+
 void add_parts(CLI::App* command, SourceOptions& o) {
     add_parsed(command, "--series", [&o](const std::string& text) { o.series = text; });
     add_parsed(command, "--index", [&o](const std::string& text) { o.index = parse_index(text); });
@@ -155,6 +169,11 @@ void add_parts(CLI::App* command, SourceOptions& o) {
             o.every = {n, n, n};
         }
     });
+    CLI::Option* const periodic = add_parsed(
+        command, "--periodic", [&o](const std::string& text) { o.periodic = parse_axes(text); });
+    add_parsed(command, "--repeat", [&o](const std::string& text) {
+        o.repeat = parse_nodes("--repeat", text);
+    })->needs(periodic);
 }
 
 }  // namespace

@@ -20,7 +20,8 @@ std::unique_ptr<VolumeSource> open_input(const std::vector<std::string>& input,
                                          const std::filesystem::path& scratch_folder,
                                          const SourceOptions& options);
 
-/// Adds --dataset, --series, --index, --crop, --every, --dims, --type, --endian, --offset,
+/// Adds --dataset, --series, --index, --crop, --every, --periodic, --repeat, --dims, --type,
+/// --endian, --offset,
 /// --spacing, --origin, --missing and, if `with_labels`, --labels (some commands have another
 /// option of that name).
 void add_source_options(CLI::App* command, SourceOptions& options, bool with_labels = true);

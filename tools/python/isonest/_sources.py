@@ -144,19 +144,21 @@ def of_volume(volume: Any, *, identified: bool, memory: int, spacing: Optional[S
               origin: Optional[Sequence[float]] = None, unit: Optional[str] = None, frame: Optional[PatientFrame] = None,
               missing: Optional[float] = None, dataset: str = "", series: str = "", labels: bool = False,
               label_names: Any = None, index: Any = None, crop: Optional[Sequence[slice]] = None,
-              every: Union[int, Sequence[int]] = 1, shape: Optional[Sequence[int]] = None, dtype: Any = None,
-              offset: Optional[int] = None, headers: Headers = None,
-              cache: "os.PathLike[str] | str | None" = None) -> Any:
+              every: Union[int, Sequence[int]] = 1, periodic: str = "", repeat: Optional[Sequence[int]] = None,
+              shape: Optional[Sequence[int]] = None, dtype: Any = None, offset: Optional[int] = None,
+              headers: Headers = None, cache: "os.PathLike[str] | str | None" = None) -> Any:
     """A source for an array or files. ``memory``: of the work that reads it, including :func:`for_fetching`."""
     if is_files(volume):
         return of_files(volume, spacing=spacing, origin=origin, unit=unit, frame=frame, missing=missing, dataset=dataset,
                         series=series, labels=labels, label_names=label_names, index=index, shape=shape, dtype=dtype,
-                        offset=offset, crop=crop, every=every, max_heap=(memory - for_fetching(volume, memory)) // 4,
-                        headers=headers, cache=cache, fetching=for_fetching(volume, memory))
+                        offset=offset, crop=crop, every=every, periodic=periodic, repeat=repeat,
+                        max_heap=(memory - for_fetching(volume, memory)) // 4, headers=headers, cache=cache,
+                        fetching=for_fetching(volume, memory))
     of_files_alone = {"dataset": dataset or None, "series": series or None, "labels": labels or None,
                       "label_names": label_names, "index": index,
                       "shape": shape, "dtype": dtype, "offset": offset, "crop": crop,
-                      "every": None if every == 1 else every, "headers": headers, "cache": cache}
+                      "every": None if every == 1 else every, "periodic": periodic or None, "repeat": repeat,
+                      "headers": headers, "cache": cache}
     given = [name for name, value in of_files_alone.items() if value is not None]
     if given:
         raise ValueError(f"{given[0]}= is for files; this volume is an array, which can be sliced")
@@ -204,7 +206,8 @@ def for_fetching(volume: Any, memory: int) -> int:
 def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
              unit: Optional[str], frame: Optional[PatientFrame], missing: Optional[float], dataset: str, series: str, labels: bool,
              label_names: Any, index: Any, shape: Optional[Sequence[int]], dtype: Any, offset: Optional[int],
-             crop: Optional[Sequence[slice]], every: Union[int, Sequence[int]], max_heap: int,
+             crop: Optional[Sequence[slice]], every: Union[int, Sequence[int]], periodic: str,
+             repeat: Optional[Sequence[int]], max_heap: int,
              headers: Headers, cache: "os.PathLike[str] | str | None", fetching: int) -> Any:
     """A source for a file, a folder, several files, or a URL."""
     options = _core.SourceOptions()
@@ -242,6 +245,10 @@ def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional
     if isinstance(every, (int, np.integer)):
         every = (int(every),) * ndim
     options.set_every(per_axis("every", every, len(every), 1))
+    if set(periodic) - set("xyz,"):
+        raise ValueError(f"periodic={periodic!r}: give names of axes, such as 'x,y'")
+    repeat = [1] * ndim if repeat is None else list(repeat)
+    options.set_periodic([axis in periodic for axis in "xyz"], per_axis("repeat", repeat, len(repeat), 1))
     source = _core.source_of_files([paths] if isinstance(paths, (str, os.PathLike)) else list(paths), options)
     if fetching > 0 and source.cache_warning:
         warnings.warn(source.cache_warning, RuntimeWarning, stacklevel=4)

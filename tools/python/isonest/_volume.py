@@ -41,6 +41,7 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
                missing: Optional[float] = None, dataset: str = "", series: str = "", labels: bool = False,
                label_names: "os.PathLike[str] | str | None" = None, index: Any = None,
                crop: Optional[Sequence[slice]] = None, every: Union[int, Sequence[int]] = 1,
+               periodic: str = "", repeat: Optional[Sequence[int]] = None,
                shape: Optional[Sequence[int]] = None, dtype: Any = None, offset: Optional[int] = None,
                indicators: Union[None, str, Sequence[str]] = None, own: "Optional[Mapping[str, Any]]" = None,
                tolerance: Union[float, str] = 0.0, exact: bool = False, chunk: int = 64,
@@ -68,6 +69,8 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     index: for files with time steps or channels, the position on each axis, ``(5, None, None, None)``, or by name or
         number of the axis, ``{"time": 5}``, ``{0: 5}``. None takes a whole axis, even if it is not a spatial one.
     crop: part of the volume, ``np.s_[10:20, :, 5:]``. every: keep each n-th node of it; a number or (z, y, x).
+    periodic: axes along which the last nodes are followed by the first, "x,y", so that surfaces close across the seam.
+        repeat: number of periods, (z, y, x). For arrays: ``np.pad(a, [(0, 1)] * 3, "wrap")``.
     shape, dtype, offset: of raw files; ">u2" is a big-endian dtype. The offset is in bytes.
     indicators: names of the error indicators, as a list or separated by commas; "nodes" are all indicators for nodes,
         "all" also includes those for hexahedral cells. exact: do not round them up to 16 bits.
@@ -114,8 +117,8 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     def opened() -> _core.Source:
         return _sources.of_volume(volume, identified=resume, memory=options.memory, spacing=spacing, origin=origin,
                                   unit=unit, frame=frame, missing=missing, dataset=dataset, series=series, labels=labels,
-                                  label_names=label_names, index=index, crop=crop, every=every, shape=shape, dtype=dtype,
-                                  offset=offset, headers=headers, cache=cache)
+                                  label_names=label_names, index=index, crop=crop, every=every, periodic=periodic, repeat=repeat,
+                                  shape=shape, dtype=dtype, offset=offset, headers=headers, cache=cache)
     with reporting(progress) as report:
         if kind != "values" or number != 0:
             options.rounding = _core.rounding_of(opened(), kind, number, options.memory, report)

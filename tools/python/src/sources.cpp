@@ -219,7 +219,11 @@ void add_source_options(py::module_& module) {
                  o.remote.memory = memory;
                  o.remote.check = check_running;
              })
-        .def("set_every", [](O& o, const Numbers& every) { o.every = int3_of(every); });
+        .def("set_every", [](O& o, const Numbers& every) { o.every = int3_of(every); })
+        .def("set_periodic", [](O& o, const std::array<bool, 3>& periodic, const Numbers& repeat) {
+            o.periodic = periodic;
+            o.repeat = int3_of(repeat);
+        });
 }
 
 Source source_of_files(const std::vector<Path>& paths, const SourceOptions& options) {
