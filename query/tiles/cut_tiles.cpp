@@ -45,9 +45,17 @@ class Cutting {
   public:
     explicit Cutting(const TileGrid& grid) : grid_(grid) {}
 
+    /// Throws Error{invalid_argument} for a triangle beyond the cubes.
     void cut(std::array<WholeCorner, 3> corners, std::uint32_t feature) {
         moved_ = 0;
+        const double end = std::ldexp(1, grid_.top);
         for (WholeCorner& corner : corners) {
+            for (const double c : corner.at) {
+                if (!(c >= 0 && c <= end)) {
+                    throw Error(ErrorKind::invalid_argument,
+                                "the mesh reaches beyond the box of its tileset");
+                }
+            }
             const std::array<std::int64_t, 3> at = rounded(corner.at);
             for (std::size_t axis = 0; axis < 3; ++axis) {
                 corner.at[axis] = static_cast<double>(at[axis]) / kTileSteps;
@@ -160,6 +168,16 @@ void CutTiles::divide(Progress& progress) {
     triangles_ = std::make_unique<Triangles>(folder_);
     begin_errors();
     const auto largest = errors_->as<float>();
+    const auto hand_over = [&](Cutting& some, float before_cut) {
+        triangles_->append(some.triangles);
+        for (std::size_t i = 0; i < some.triangles.size(); ++i) {
+            float& error = largest[some.triangles[i].block];
+            error = std::max(error, float_above(static_cast<double>(some.errors[i]) +
+                                                static_cast<double>(before_cut)));
+        }
+        some.triangles.clear();
+        some.errors.clear();
+    };
     for (std::uint32_t cube = 0; cube < std::uint32_t{1} << (3 * before.top); ++cube) {
         progress.check();
         Cutting cutting(grid_);
@@ -175,14 +193,11 @@ void CutTiles::divide(Progress& progress) {
                 corners[k].value = static_cast<double>(t.corners[k].value);
             }
             cutting.cut(corners, t.feature);
+            if (cutting.triangles.size() >= kMaxWaiting) {
+                hand_over(cutting, errors_before.as<const float>()[cube]);
+            }
         }
-        triangles_->append(cutting.triangles);
-        for (std::size_t i = 0; i < cutting.triangles.size(); ++i) {
-            float& error = largest[cutting.triangles[i].block];
-            error = std::max(
-                error, float_above(static_cast<double>(cutting.errors[i]) +
-                                   static_cast<double>(errors_before.as<const float>()[cube])));
-        }
+        hand_over(cutting, errors_before.as<const float>()[cube]);
     }
     triangles_->sort(cubes());
 }

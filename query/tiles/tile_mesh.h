@@ -55,11 +55,11 @@ struct TileGrid {
     }
     /// Maximum movement of a point when coordinates are rounded to steps of a level.
     [[nodiscard]] double rounding(int level) const { return length(step(level)) / 2; }
-    /// In edges of cubes at level 0. At least 0, apart from rounding. `own`: in own axes.
+    /// In edges of cubes at level 0, from the grid's origin. `own`: in own axes.
     [[nodiscard]] Double3 in_cubes(const Double3& own) const {
         Double3 c{};
         for (std::size_t axis = 0; axis < 3; ++axis) {
-            c[axis] = std::max((own[axis] - origin[axis]) / edge[axis], 0.0);
+            c[axis] = (own[axis] - origin[axis]) / edge[axis];
         }
         return c;
     }

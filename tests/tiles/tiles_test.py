@@ -217,6 +217,28 @@ class Tiles(unittest.TestCase):
         own = tiles.world(tiles.root).T
         self.assertTrue(np.allclose(own, [-x, z + 6378137 + 100, y], atol=1e-6))
 
+    def test_rotated_and_sheared_volumes(self):
+        values = gyroid(40, 0.2)
+        for name, directions in (("rotated", "(0.6,0.8,0) (-0.8,0.6,0) (0,0,1.5)"), ("sheared", "(1,0,0) (0.2,1,0) (0,0.3,1.5)")):
+            (self.folder / f"{name}.nrrd").write_bytes(
+                b"NRRD0004\ntype: float\ndimension: 3\nsizes: 40 40 40\nendian: little\nspace dimension: 3\n"
+                b"space directions: " + directions.encode() + b"\nspace origin: (100,-200,30)\nencoding: raw\n\n" + values.tobytes())
+            run("preprocess", self.folder / f"{name}.nrrd", "-o", self.folder / f"{name}.isonest")
+            tiles, _ = self.tileset(self.folder / f"{name}.isonest", "--iso", 0, "--close", name=name)
+            closed = self.full(self.folder / f"{name}.isonest", "--iso", 0, "--close")
+            near = Distance(closed[0].astype(float), closed[1])
+            for tile in tiles.tiles:
+                self.assertLessEqual(near.largest(samples(tiles.world(tile), tile.arrays["indices"], RANDOM)),
+                                     tile.error * (1 + 1e-6) + 1e-4, tile.path)
+
+    def test_a_relief_is_tiled(self):
+        y, x = np.mgrid[:120, :90] * 0.1
+        np.save(self.folder / "h.npy", (50 * np.sin(x) * np.cos(y)).astype("f4"))
+        run("preprocess", self.folder / "h.npy", "-o", self.folder / "h.isonest", "--spacing", "10,10")
+        tiles, _ = self.tileset(self.folder / "h.isonest", "--graph", "--scale", 2)
+        run("extract", self.folder / "h.isonest", "--graph", "--scale", 2, "-o", self.folder / "full.ply")
+        self.check_errors(tiles, *read_points(self.folder / "full.ply"))
+
     def test_frames_turn_as_in_mesh_files(self):
         store = self.volume(gyroid(20, 0.3))
         for frame in ("ras", "lps"):

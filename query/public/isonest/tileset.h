@@ -127,7 +127,7 @@ class Tileset {
     /// and the attribute "value" or, without it, "error" are kept. Without normals, those of the
     /// triangles around a vertex are used. `feature`: the mesh's place in the features, below
     /// their number; ignored if the mesh has the attribute "isovalue". The sink throws
-    /// Error{invalid_argument} for lines, and Error{io}.
+    /// Error{invalid_argument} for lines and for a mesh beyond the tileset's box, and Error{io}.
     [[nodiscard]] std::unique_ptr<MeshSink> sink(std::size_t feature = 0);
 
     /// Writes everything. Call once, after the last sink has received its mesh. Throws

@@ -144,6 +144,9 @@ void MeshOutput::finish(const ExtractReport& r, Progress& progress, Result& resu
         human_bytes(static_cast<double>(report.bytes)), report.files, source.surface);
     for (std::size_t i = 0; i < report.levels.size(); ++i) {
         const TileLevel& level = report.levels[i];
+        if (level.tiles == 0) {
+            continue;
+        }
         result.text += fmt::format(
             "  level {}: {} triangles in {} tiles, {}, within {:.4g}{}\n", i, level.triangles,
             level.tiles, human_bytes(static_cast<double>(level.bytes)), level.bound, unit_);
