@@ -371,6 +371,10 @@ class NeuroglancerMeshes(unittest.TestCase):
         self.assertEqual(properties["inline"]["properties"],
                          [{"id": "label", "type": "label", "values": [entry.get("name", "") for entry in listed]}])
         self.assertIn("bone", properties["inline"]["properties"][0]["values"])
+        run("extract", store, "--labels", "all", "--format", "neuroglancer", "-o", self.folder / "legacy")
+        self.assertEqual(json.loads((self.folder / "legacy" / "info").read_text()),
+                         {"@type": "neuroglancer_legacy_mesh", "segment_properties": "segment_properties"})
+        self.assertEqual(json.loads((self.folder / "legacy" / "segment_properties" / "info").read_text()), properties)
 
     def test_a_label_without_a_surface(self):
         store = self.store(np.ones((8, 8, 8), int))

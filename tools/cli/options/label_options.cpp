@@ -15,6 +15,7 @@
 #include <isonest/mesh_file.h>
 #include <isonest/neuroglancer_meshes.h>
 
+#include "query/neuroglancer/label_files.h"
 #include "query/neuroglancer/shards.h"
 #include "store/files/output_file.h"
 #include "tools/cli/options/label_names.h"
@@ -137,13 +138,24 @@ std::string mesh_name(std::int64_t id, const std::string& format) {
                : fmt::format("{}.{}", id, format == kNeuroglancer ? "ngmesh" : format);
 }
 
-/// Writes one manifest per label, which names the file of its mesh.
-void write_neuroglancer(const fs::path& folder, const std::vector<Label>& labels) {
-    write_text(folder / "info", Json{{"@type", "neuroglancer_legacy_mesh"}}.dump() + "\n");
+/// Writes one manifest per label, which names the file of its mesh, and the names of the labels.
+void write_neuroglancer(const fs::path& folder, const Store& store,
+                        const std::vector<Label>& labels) {
+    Json info = {{"@type", "neuroglancer_legacy_mesh"}};
+    std::vector<LabelName> names;
+    bool has_name = false;
     for (const Label& label : labels) {
         write_text(folder / fmt::format("{}:0", label.id),
                    Json{{"fragments", {mesh_name(label.id, kNeuroglancer)}}}.dump() + "\n");
+        names.push_back(store.label_name(label.id).value_or(LabelName{}));
+        names.back().id = label.id;
+        has_name = has_name || !names.back().name.empty();
     }
+    if (has_name) {
+        write_segment_properties(folder, names);
+        info["segment_properties"] = "segment_properties";
+    }
+    write_text(folder / "info", info.dump() + "\n");
 }
 
 /// The sum of both.
@@ -348,7 +360,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
             take, options, progress);
     }
     if (labels.format == kNeuroglancer) {
-        write_neuroglancer(folder, chosen);
+        write_neuroglancer(folder, store, chosen);
     }
     Result result;
     Json list = Json::array();
