@@ -36,6 +36,19 @@ constexpr int kFloat = 5126;
 constexpr int kVertices = 34962;  // targets of buffer views
 constexpr int kIndices = 34963;
 
+#if ISONEST_WITH_MESHOPT
+/// EXT_meshopt_compression has one version of each codec (headers 0xa0 and 0xe1), whatever the
+/// library's defaults are. They are set once, because they are the library's global state.
+void choose_codecs() {
+    static const bool chosen = [] {
+        ::meshopt_encodeVertexVersion(0);
+        ::meshopt_encodeIndexVersion(1);
+        return true;
+    }();
+    static_cast<void>(chosen);
+}
+#endif
+
 /// The binary part of a file, and the descriptions of its views and accessors.
 class TileBuffer {
   public:
@@ -275,6 +288,9 @@ std::string material_of(const TileStyle& style, bool has_colors) {
 
 std::string tile_glb(const TileMesh& unordered, const Double3& low, const Double3& step,
                      const TileStyle& style) {
+#if ISONEST_WITH_MESHOPT
+    choose_codecs();
+#endif
     const TileMesh mesh = ordered(unordered);
     TileBuffer buffer;
     std::vector<std::array<std::uint16_t, 4>> positions;
