@@ -47,7 +47,65 @@ bool is_in_face(const Steps& at, const Steps& low, std::int32_t size) {
     return false;
 }
 
+std::array<float, 3> position_of(const Steps& at, const Double3& step) {
+    std::array<float, 3> p{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        p[axis] = static_cast<float>(at[axis] * step[axis]);
+    }
+    return p;
+}
+
+/// A tile alone. `low`: its low corner.
+Patch patch_of(const TileMesh& tile, const Steps& low, const Double3& step) {
+    Patch patch;
+    for (const TileMesh::Vertex& v : tile.vertices) {
+        patch.positions.push_back(position_of(v.at, step));
+        patch.shared.push_back(is_in_face(v.at, low, kTileSteps));
+    }
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        patch.box.lo[axis] = static_cast<float>(low[axis] * step[axis]);
+        patch.box.hi[axis] = static_cast<float>((low[axis] + kTileSteps) * step[axis]);
+    }
+    patch.is_full = true;
+    patch.triangles = tile.triangles;
+    patch.fine = tile.triangles;
+    patch.stay.resize(tile.triangles.size());
+    patch.tried.resize(tile.triangles.size());
+    patch.displacements.resize(tile.triangles.size());
+    patch.witnesses.resize(tile.triangles.size());
+    std::iota(patch.witnesses.begin(), patch.witnesses.end(), 0U);
+    return patch;
+}
+
+/// What rounding of positions to float32 needs, before simplification and by it.
+double float_reserve(const Double3& step) {
+    return 2 * std::ldexp(kJoinedSteps * length(step), -24);
+}
+
 }  // namespace
+
+SimplifiedTile simplified_alone(const TileMesh& tile, const Double3& step, double limit) {
+    SimplifiedTile result{tile, 0};
+    // Moved vertices are rounded to steps, and lines are widened by one.
+    const double reserve = float_reserve(step) + 1.5 * length(step);
+    if (!(limit > reserve)) {
+        return result;
+    }
+    const SimplifiedPatch simplified =
+        simplify_patch(patch_of(tile, {}, step), simplify_limits(limit - reserve));
+    for (const SimplifiedPatch::Moved& moved : simplified.moved) {
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            const double c = static_cast<double>(moved.to[axis]) / step[axis];
+            result.mesh.vertices[moved.vertex].at[axis] =
+                std::clamp(static_cast<std::int32_t>(std::lround(c)), 0, kTileSteps);
+        }
+    }
+    result.mesh.triangles = simplified.triangles;
+    drop_unused(result.mesh);
+    widen_lines(result.mesh);
+    result.error = simplified.largest + reserve;
+    return result;
+}
 
 std::uint64_t coarser_tile_heap() {
     constexpr std::uint64_t kMeshBytes = 300;  // of a triangle in the patch, the meshes and lists
@@ -65,9 +123,7 @@ std::size_t CoarserTile::PlaceHash::operator()(const Place& place) const {
 }
 
 CoarserTile::CoarserTile(const Double3& step, double limit)
-    : step_(step),
-      // Positions are rounded to float32 before simplification, and by it.
-      reserve_(2 * std::ldexp(kJoinedSteps * length(step), -24)) {
+    : step_(step), reserve_(float_reserve(step)) {
     // In the end, coordinates are rounded by up to a step, and lines are widened by two.
     limit_ = limit - reserve_ - 3 * length(step);
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -76,47 +132,17 @@ CoarserTile::CoarserTile(const Double3& step, double limit)
     }
 }
 
-std::array<float, 3> CoarserTile::position(const Steps& at) const {
-    std::array<float, 3> p{};
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        p[axis] = static_cast<float>(at[axis] * step_[axis]);
-    }
-    return p;
-}
-
 std::uint32_t CoarserTile::number_of(const TileMesh::Vertex& vertex) {
     const auto [slot, is_new] = numbers_.try_emplace(Place{vertex.at, vertex.feature},
                                                      static_cast<std::uint32_t>(vertices_.size()));
     if (is_new) {
         vertices_.push_back(vertex);
         moved_.push_back(false);
-        joined_.positions.push_back(position(vertex.at));
+        joined_.positions.push_back(position_of(vertex.at, step_));
         joined_.near.push_back(slot->second);
         joined_.shared.push_back(is_in_face(vertex.at, {}, kJoinedSteps));
     }
     return slot->second;
-}
-
-/// A tile alone. `low`: its low corner.
-Patch CoarserTile::patch_of(const TileMesh& tile, const Steps& low) const {
-    Patch patch;
-    for (const TileMesh::Vertex& v : tile.vertices) {
-        patch.positions.push_back(position(v.at));
-        patch.shared.push_back(is_in_face(v.at, low, kTileSteps));
-    }
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        patch.box.lo[axis] = static_cast<float>(low[axis] * step_[axis]);
-        patch.box.hi[axis] = static_cast<float>((low[axis] + kTileSteps) * step_[axis]);
-    }
-    patch.is_full = true;
-    patch.triangles = tile.triangles;
-    patch.fine = tile.triangles;
-    patch.stay.resize(tile.triangles.size());
-    patch.tried.resize(tile.triangles.size());
-    patch.displacements.resize(tile.triangles.size());
-    patch.witnesses.resize(tile.triangles.size());
-    std::iota(patch.witnesses.begin(), patch.witnesses.end(), 0U);
-    return patch;
 }
 
 void CoarserTile::add(const TileMesh& tile, const std::array<std::uint32_t, 3>& place) {
@@ -132,7 +158,7 @@ void CoarserTile::add(const TileMesh& tile, const std::array<std::uint32_t, 3>& 
         }
         numbers.push_back(number_of(v));
     }
-    const Patch patch = patch_of(shifted, low);
+    const Patch patch = patch_of(shifted, low, step_);
     if (limit_ > 0) {
         take(shifted, simplify_patch(patch, simplify_limits(limit_)), numbers);
         return;
@@ -180,8 +206,8 @@ void CoarserTile::take(const TileMesh& tile, const SimplifiedPatch& simplified,
     }
 }
 
-CoarserTile::Result CoarserTile::finish() {
-    Result result;
+SimplifiedTile CoarserTile::finish() {
+    SimplifiedTile result;
     if (limit_ > 0) {
         const SimplifiedPatch simplified = simplify_patch(joined_, simplify_limits(limit_));
         largest_ = std::max(largest_, simplified.largest);

@@ -16,6 +16,15 @@ namespace isonest::detail {
 /// Heap that a thread needs for one tile.
 std::uint64_t coarser_tile_heap();
 
+struct SimplifiedTile {
+    TileMesh mesh;
+    double error = 0;  ///< proven distance from the tile or tiles in both directions, world units
+};
+
+/// Simplifies a tile alone, within `limit` of what it was (world units); its border is kept.
+/// `step`: of the tile, world units. REQUIRES: not more than kMaxInTile triangles. Thread-safe.
+SimplifiedTile simplified_alone(const TileMesh& tile, const Double3& step, double limit);
+
 /// Joins up to eight tiles and simplifies them, in two steps, so that the first needs little memory
 /// and the second has little work: each tile with its border, then all together with the border of
 /// the cube. Both measure from the tiles as they were. Not thread-safe.
@@ -28,17 +37,11 @@ class CoarserTile {
     /// triangles, and not more than kMaxJoined in all tiles.
     void add(const TileMesh& tile, const std::array<std::uint32_t, 3>& place);
 
-    struct Result {
-        TileMesh mesh;     ///< in steps twice as long
-        double error = 0;  ///< proven distance from the tiles in both directions, world units
-    };
-    /// Call once. Rounds coordinates to steps of the cube's level.
-    Result finish();
+    /// Call once. Rounds coordinates to steps of the cube's level, which are twice as long.
+    SimplifiedTile finish();
 
   private:
     [[nodiscard]] std::uint32_t number_of(const TileMesh::Vertex& vertex);
-    [[nodiscard]] std::array<float, 3> position(const Steps& at) const;
-    [[nodiscard]] Patch patch_of(const TileMesh& tile, const Steps& low) const;
     void take(const TileMesh& tile, const SimplifiedPatch& simplified,
               const std::vector<std::uint32_t>& numbers);
 

@@ -145,18 +145,37 @@ TileLevels::Made TileLevels::coarser(const Family& family, int level) const {
         record.error = std::max(record.error, tile.error);
         add_box(record, tile);
     }
-    if (!is_whole || triangles > kMaxJoined) {
+    if (!is_whole) {
         return made;
     }
-    CoarserTile joined(grid_.step(level - 1), std::ldexp(limits_.error, level) - record.error);
-    for (const TileRecord& tile : family.tiles) {
-        joined.add(mesh_of(tile, level - 1), cube_at(tile.number & 7U));
+    const Double3 step = grid_.step(level - 1);
+    const double limit = std::ldexp(limits_.error, level) - record.error;
+    double used = 0;  // of the limit
+    std::vector<TileMesh> meshes;
+    if (triangles > kMaxJoined) {
+        // They are simplified before they are joined, which leaves more triangles at the same
+        // error.
+        triangles = 0;
+        for (const TileRecord& tile : family.tiles) {
+            SimplifiedTile alone = simplified_alone(mesh_of(tile, level - 1), step, limit / 2);
+            used = std::max(used, alone.error);
+            triangles += alone.mesh.triangles.size();
+            if (triangles > kMaxJoined) {
+                return made;
+            }
+            meshes.push_back(std::move(alone.mesh));
+        }
     }
-    const CoarserTile::Result result = joined.finish();
+    CoarserTile joined(step, limit - used);
+    for (std::size_t i = 0; i < family.tiles.size(); ++i) {
+        joined.add(meshes.empty() ? mesh_of(family.tiles[i], level - 1) : meshes[i],
+                   cube_at(family.tiles[i].number & 7U));
+    }
+    const SimplifiedTile result = joined.finish();
     if (result.mesh.triangles.size() > kMaxInTile) {
         return made;
     }
-    record.error += result.error;
+    record.error += used + result.error;
     const TileRecord below = record;
     write(made, result.mesh, level);
     add_box(record, below);

@@ -76,7 +76,7 @@ class TilesetWriter {
         if (root >= 0 && !levels_[static_cast<std::size_t>(root)]->all().empty()) {
             const TileRecord& record = levels_[static_cast<std::size_t>(root)]->all().front();
             tile = tile_text(root, record, "", fmt::format(R"(,"transform":[{}])", transform()));
-            error = std::max(length(size_of(record)), record.error) * place_.metres;
+            error = std::max(length(size_of(record)) * place_.metres, error_of(root, record));
         }
         write_("tileset.json",
                fmt::format(R"({{"asset":{{"version":"1.1","generator":"isonest","extras":{{{}}}}},)"

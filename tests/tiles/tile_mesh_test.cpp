@@ -173,7 +173,7 @@ TEST_CASE("joined tiles keep the border of their cube, and stay within the limit
             joined.add(tile_mesh(triangles), {x, y, 0});
         }
     }
-    const CoarserTile::Result result = joined.finish();
+    const SimplifiedTile result = joined.finish();
     REQUIRE(result.error <= 5);
     REQUIRE(result.mesh.triangles.size() < 2 * kSquares * kSquares);  // a quarter
     std::set<Steps> border;

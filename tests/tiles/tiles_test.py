@@ -131,6 +131,23 @@ class Tiles(unittest.TestCase):
             length = np.linalg.norm(tile.arrays["NORMAL"].astype(float), axis=1) / 127
             self.assertTrue((abs(length - 1) < 0.02).all())
 
+    def test_dense_tiles_are_simplified_before_they_are_joined(self):
+        store = self.volume(gyroid(124, 0.18))
+        points, faces = self.full(store, "--iso", 0)
+        self.assertGreater(len(faces), 1 << 17)
+        tiles, report = self.tileset(store, "--iso", 0)
+        self.assertEqual([level["without_mesh"] for level in report["tileset"]["levels"]], [0] * tiles.levels)
+        self.check_errors(tiles, points, faces)
+        self.assertGreater(self.check_borders(tiles), 1000)
+
+    def test_what_cannot_be_simplified_has_no_mesh(self):
+        store = self.volume(RANDOM.normal(0, 1, (80, 80, 80)).astype("f4"))
+        tiles, report = self.tileset(store, "--iso", 0)
+        self.assertGreater(report["tileset"]["levels"][-1]["without_mesh"], 0)
+        self.assertEqual(tiles.empty, sum(level["without_mesh"] for level in report["tileset"]["levels"]))
+        self.assertIsNone(tiles.root.path)
+        self.assertGreater(tiles.root.error, max(tile.error for tile in tiles.tiles))
+
     def test_the_finest_level_is_the_whole_mesh(self):
         store = self.volume(gyroid(65, 0.2))
         points, faces = self.full(store, "--iso", 0)
