@@ -24,6 +24,7 @@ inline StringContainsMatcher Contains(const std::string& part) {
 
 namespace Catch {
 using Matchers::Contains;
+using Matchers::EndsWith;
 }  // namespace Catch
 
 using Catch::Approx;
