@@ -263,7 +263,7 @@ def test_containers_are_refused_with_their_names(volume, tmp_path):
         isonest.preprocess(several, tmp_path / "x")
     zarr = pytest.importorskip("zarr")
     group = zarr.group()
-    group.array("level", volume)
+    group["level"] = volume
     with pytest.raises(TypeError, match="a Group is no array.*'level'"):
         isonest.isosurface(group, 0.0)
 

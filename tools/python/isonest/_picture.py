@@ -80,7 +80,8 @@ def _weights(n: int, corners: int) -> np.ndarray:
 
 def _put(points: np.ndarray, shade: np.ndarray, depth: np.ndarray, color: np.ndarray, size: int) -> None:
     """Draws points where they are nearest."""
-    column, row = points[:, 0].astype(int), points[:, 1].astype(int)
+    column: np.ndarray = points[:, 0].astype(int)
+    row: np.ndarray = points[:, 1].astype(int)
     inside = (column >= 0) & (column < size) & (row >= 0) & (row < size)
     at, near, shade = (row * size + column)[inside], points[inside, 2], shade[inside]
     # Of several points in a pixel the last one stays.

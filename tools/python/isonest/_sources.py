@@ -66,7 +66,7 @@ class _Reader:
                 raise ValueError(f"{self.name}: integers beyond 2**53, which float64 does not hold; "
                                  "scale them or subtract an offset first")
         dense = np.ascontiguousarray(slab, dtype=self.dtype)
-        if mask is not np.ma.nomask and mask.any():
+        if mask is not np.ma.nomask and np.any(mask):
             dense = np.where(mask, np.array(np.nan, self.dtype), dense)
         return dense
 
