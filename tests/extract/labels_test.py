@@ -243,7 +243,7 @@ class Labels(unittest.TestCase):
         flat = self.store(np.arange(20, dtype="u1").reshape(1, 4, 5), "flat")
         run("extract", flat, "--label", 3, "-o", self.here / "a.vtp", code=2)
         amounts = self.store(RANDOM.normal(size=(9, 9, 9)), "amounts")
-        self.assertIn("no label", run("extract", amounts, "--labels", "all", "-o", self.here / "m", code=5).stderr)
+        self.assertIn("not a label", run("extract", amounts, "--labels", "all", "-o", self.here / "m", code=5).stderr)
         (self.here / "file").write_text("")
         run("extract", store, "--labels", "all", "-o", self.here / "file", code=2)
         many = self.store(np.arange(27000, dtype="u4").reshape(30, 30, 30), "many")

@@ -372,7 +372,7 @@ class SmoothLabels(LabelMeshes):
         self.assertIn("has the label 77", run("extract", store, "--label", 77, "--smooth", "-o", self.here / "a.ply").stdout)
         amounts = self.store(RANDOM.normal(size=(9, 9, 9)), name="amounts")
         for options in (("--labels", "all", "-o", self.here / "n"), ("--label", 0, "-o", self.here / "n.ply")):
-            self.assertIn("no label", run("extract", amounts, *options, "--smooth", code=5).stderr)
+            self.assertIn("not a label", run("extract", amounts, *options, "--smooth", code=5).stderr)
         far = self.store(cells(RANDOM, (9, 9, 9), 4, 9).astype("u1"), "--origin", "1e6,0,0", name="far")
         self.assertIn("too far", run("extract", far, "--label", 3, "--smooth", "-o", self.here / "a.ply", code=7).stderr)
         self.assertIn("memory", run("extract", store, "--label", 3, "--smooth=64", "--memory", "11M", "-o",

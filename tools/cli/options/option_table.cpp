@@ -132,7 +132,7 @@ constexpr OptionRow kOptions[] = {
     {"extract", "--colors", kWritten, "NAME", "vertex colours in .glb and .ply: viridis, gray, ...", kDrawnElsewhere},
     {"extract", "--range", kWritten, "LOW,HIGH|WINDOW", "first, last value [all]; bone, lung, soft, brain", kDrawnElsewhere},
     {"", "--format", kWritten, "NAME", "3dtiles; --labels: ply, ..., neuroglancer[-sharded]", "(by the file name passed to Mesh.save)"},
-    {"", "--georeference", kWritten, "LON,LAT[,H]", "3dtiles: place of the origin on the globe, WGS 84", "(the program alone writes tiles)"},
+    {"", "--georeference", kWritten, "PLACE", "3dtiles: the origin's LON,LAT[,HEIGHT] on the globe", "(the program alone writes tiles)"},
     {"", "--over", kWritten, "zarr|precomputed", "the volume that Neuroglancer shows [zarr]", "(the argument shift of Mesh.save)"},
     {"", "--volume-interval", kWritten, "", "with --close: bounds on the full solid's volume", "volume_interval: bool"},
     {"", "--quality", kWritten, "", "report the angles of the triangles", "quality: bool"},
