@@ -72,7 +72,7 @@ class Reading(unittest.TestCase):
             self.assertEqual(answer["errors"], [])
             self.assertLess(answer["round_trips"], 60)  # rather than one for each of the 400
             self.assertLess(server.bytes, 1.25 * 400 * 40_000 + TAIL)
-            self.assertTrue(IS_SANITIZED or client.memory() - before < 24 << 20)
+            self.assertTrue(IS_SANITIZED or client.memory() - before < 32 << 20)  # 23 with Debian 13's libcurl alone
             self.assertEqual(client.read([0, 10_000_000])["errors"], [])  # larger than the budget
 
     def test_a_cache_answers_in_place_of_the_server(self):

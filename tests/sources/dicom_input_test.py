@@ -151,6 +151,8 @@ class Dicom(DamagedFiles, Module, DicomInput):
         ours = np.stack((x, y, z), -1) @ steps + info["origin"]
         subprocess.run(["dcm2niix", "-o", self.here, "-f", "converted", self.path], check=True, capture_output=True)
         theirs = nibabel.load(self.here / "converted.nii")  # the other file, converted_Tilt, is resampled
+        if theirs.affine[1, 2] == 0:
+            self.skipTest("this version of dcm2niix (v1.0.20241211, in Debian 13) drops the tilt from the header")
         values = np.asarray(theirs.dataobj)
         at = nibabel.affines.apply_affine(theirs.affine, np.indices(values.shape).reshape(3, -1).T)
         at = at[np.argsort(values.ravel())] * [-1, -1, 1]  # RAS to LPS
