@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <numeric>
 #include <span>
 #include <vector>
 
@@ -126,6 +127,16 @@ struct Patch {
     /// The triangles are the fine triangles, each is its own witness.
     bool is_full = false;
 
+    /// Makes the triangles the fine triangles, each its own witness.
+    void set_full() {
+        is_full = true;
+        triangles = fine;
+        stay.resize(fine.size());
+        tried.resize(fine.size());
+        displacements.resize(fine.size());
+        witnesses.resize(fine.size());
+        std::iota(witnesses.begin(), witnesses.end(), 0U);
+    }
     [[nodiscard]] Double3 point(std::uint32_t v) const { return point_at(positions[v]); }
     [[nodiscard]] Triangle at(const PatchTriangle& t) const { return triangle_at(positions, t); }
 };

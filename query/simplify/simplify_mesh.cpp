@@ -373,13 +373,7 @@ MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valen
         }
     }
     if (run.is_full) {
-        patch.is_full = true;
-        patch.triangles = patch.fine;
-        patch.stay.resize(patch.fine.size());
-        patch.tried.resize(patch.fine.size());
-        patch.displacements.resize(patch.fine.size());
-        patch.witnesses.resize(patch.fine.size());
-        std::iota(patch.witnesses.begin(), patch.witnesses.end(), 0U);
+        patch.set_full();
     }
     for (const std::uint64_t v : b.numbered.vertex) {
         patch.near.push_back(numbering.number_of(moved_.origin_of(v)));

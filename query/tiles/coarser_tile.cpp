@@ -66,14 +66,8 @@ Patch patch_of(const TileMesh& tile, const Steps& low, const Double3& step) {
         patch.box.lo[axis] = static_cast<float>(low[axis] * step[axis]);
         patch.box.hi[axis] = static_cast<float>((low[axis] + kTileSteps) * step[axis]);
     }
-    patch.is_full = true;
-    patch.triangles = tile.triangles;
     patch.fine = tile.triangles;
-    patch.stay.resize(tile.triangles.size());
-    patch.tried.resize(tile.triangles.size());
-    patch.displacements.resize(tile.triangles.size());
-    patch.witnesses.resize(tile.triangles.size());
-    std::iota(patch.witnesses.begin(), patch.witnesses.end(), 0U);
+    patch.set_full();
     return patch;
 }
 

@@ -10,21 +10,16 @@
 #include <array>
 #include <cstring>
 #include <limits>
-#include <map>
 #include <utility>
 
 #include "query/formats/mesh_files.h"
 #include "store/base/json_text.h"
 
-#if ISONEST_WITH_MESHOPT
+#if ISONEST_WITH_MESHOPTIMIZER
 #include <meshoptimizer.h>
 #endif
 
 namespace isonest::detail {
-
-bool packs_tiles() {
-    return ISONEST_WITH_MESHOPT != 0;
-}
 
 namespace {
 
@@ -36,7 +31,7 @@ constexpr int kFloat = 5126;
 constexpr int kVertices = 34962;  // targets of buffer views
 constexpr int kIndices = 34963;
 
-#if ISONEST_WITH_MESHOPT
+#if ISONEST_WITH_MESHOPTIMIZER
 /// EXT_meshopt_compression has one version of each codec (headers 0xa0 and 0xe1), whatever the
 /// library's defaults are. They are set once, because they are the library's global state.
 void choose_codecs() {
@@ -57,7 +52,7 @@ class TileBuffer {
     int add_rows(const std::vector<Row>& rows, const std::string& accessor) {
         static_assert(sizeof(Row) % 4 == 0);
         std::string packed;
-#if ISONEST_WITH_MESHOPT
+#if ISONEST_WITH_MESHOPTIMIZER
         packed.resize(::meshopt_encodeVertexBufferBound(rows.size(), sizeof(Row)));
         packed.resize(::meshopt_encodeVertexBuffer(reinterpret_cast<unsigned char*>(packed.data()),
                                                    packed.size(), rows.data(), rows.size(),
@@ -71,7 +66,7 @@ class TileBuffer {
     int add_indices(const std::vector<std::uint32_t>& indices, std::size_t vertices) {
         const bool narrow = vertices <= std::numeric_limits<std::uint16_t>::max();
         std::string packed;
-#if ISONEST_WITH_MESHOPT
+#if ISONEST_WITH_MESHOPTIMIZER
         packed.resize(::meshopt_encodeIndexBufferBound(indices.size(), vertices));
         packed.resize(::meshopt_encodeIndexBuffer(reinterpret_cast<unsigned char*>(packed.data()),
                                                   packed.size(), indices.data(), indices.size()));
@@ -155,7 +150,7 @@ class TileBuffer {
 
 /// Vertices and triangles in an order that is packed well and drawn fast.
 TileMesh ordered(const TileMesh& mesh) {
-#if ISONEST_WITH_MESHOPT
+#if ISONEST_WITH_MESHOPTIMIZER
     TileMesh to;
     std::vector<std::uint32_t> indices;
     for (const auto& t : mesh.triangles) {
@@ -288,7 +283,7 @@ std::string material_of(const TileStyle& style, bool has_colors) {
 
 std::string tile_glb(const TileMesh& unordered, const Double3& low, const Double3& step,
                      const TileStyle& style) {
-#if ISONEST_WITH_MESHOPT
+#if ISONEST_WITH_MESHOPTIMIZER
     choose_codecs();
 #endif
     const TileMesh mesh = ordered(unordered);

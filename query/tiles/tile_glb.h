@@ -14,9 +14,6 @@
 
 namespace isonest::detail {
 
-/// Whether this build packs tiles by meshoptimizer.
-bool packs_tiles();
-
 /// What all tiles of a tileset have in common.
 struct TileStyle {
     std::string title = {};

@@ -34,8 +34,8 @@ namespace {
 
 /// About as many nodes along the edge of a cube at the finest level.
 constexpr double kNodesInCube = 64;
-/// The error of level 1 without a bound, as a part of the distance of neighbouring nodes.
-constexpr double kFirstError = 0.5;
+/// Twice this part of the distance of neighbouring nodes is the error of level 1 without a bound.
+constexpr double kFinestError = 0.25;
 
 /// Writes files into an unfinished folder. Thread-safe.
 class TileFiles {
@@ -249,7 +249,7 @@ TilesetReport Tileset::finish(const TilesetSource& source, Progress& progress) {
         detail::TileLevels levels(
             std::move(p.cut),
             {source.bound,
-             std::max(source.bound, detail::kFirstError / 2 *
+             std::max(source.bound, detail::kFinestError *
                                         *std::min_element(o.spacing.begin(), o.spacing.end()))},
             p.scratch,
             [&](const detail::TileMesh& mesh, std::uint32_t number, int level) {

@@ -147,6 +147,18 @@ NeuroglancerReport write_label_details(const LabelNet& net, const StoreHeader& h
     return LabelDetails(net, header, progress).write(number, label, folder, shards);
 }
 
+std::vector<LabelName> names_of(const Store& store, std::span<const Label> labels) {
+    std::vector<LabelName> names;
+    bool has_name = false;
+    for (const Label& label : labels) {
+        LabelName name = store.label_name(label.id).value_or(LabelName{});
+        name.id = label.id;
+        has_name = has_name || !name.name.empty();
+        names.push_back(std::move(name));
+    }
+    return has_name ? names : std::vector<LabelName>{};
+}
+
 }  // namespace isonest::detail
 
 namespace isonest {
@@ -221,19 +233,6 @@ void require_segments(const Store& store, std::span<const Label> labels) {
     }
 }
 
-/// Names of these labels; empty if none has one.
-std::vector<LabelName> names_of(const Store& store, std::span<const Label> labels) {
-    std::vector<LabelName> names;
-    bool has_name = false;
-    for (const Label& label : labels) {
-        LabelName name = store.label_name(label.id).value_or(LabelName{});
-        name.id = label.id;
-        has_name = has_name || !name.name.empty();
-        names.push_back(std::move(name));
-    }
-    return has_name ? names : std::vector<LabelName>{};
-}
-
 }  // namespace
 
 Double3 shift_of(const Store& store, VoxelOrigin origin) {
@@ -268,7 +267,7 @@ void extract_neuroglancer_meshes(
     if (shards) {
         sharding = shards->write(folder);
     }
-    const std::vector<LabelName> names = names_of(store, labels);
+    const std::vector<LabelName> names = detail::names_of(store, labels);
     if (!names.empty()) {
         detail::write_segment_properties(folder, names);
     }

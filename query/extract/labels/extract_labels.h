@@ -3,10 +3,14 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <span>
+#include <vector>
 
+#include <isonest/label_name.h>
 #include <isonest/labels.h>
 #include <isonest/neuroglancer_meshes.h>
 #include <isonest/progress.h>
+#include <isonest/store.h>
 
 #include "query/extract/labels/label_net.h"
 #include "query/neuroglancer/shards.h"
@@ -24,5 +28,8 @@ NeuroglancerReport write_label_details(const LabelNet& net, const StoreHeader& h
                                        std::size_t number, const Label& label,
                                        const std::filesystem::path& folder, Shards* shards,
                                        const Progress& progress);
+
+/// Names of these labels, in their order; empty if none has one.
+std::vector<LabelName> names_of(const Store& store, std::span<const Label> labels);
 
 }  // namespace isonest::detail

@@ -15,6 +15,7 @@
 #include <isonest/mesh_file.h>
 #include <isonest/neuroglancer_meshes.h>
 
+#include "query/extract/labels/extract_labels.h"
 #include "query/neuroglancer/label_files.h"
 #include "query/neuroglancer/shards.h"
 #include "store/files/output_file.h"
@@ -142,16 +143,12 @@ std::string mesh_name(std::int64_t id, const std::string& format) {
 void write_neuroglancer(const fs::path& folder, const Store& store,
                         const std::vector<Label>& labels) {
     Json info = {{"@type", "neuroglancer_legacy_mesh"}};
-    std::vector<LabelName> names;
-    bool has_name = false;
     for (const Label& label : labels) {
         write_text(folder / fmt::format("{}:0", label.id),
                    Json{{"fragments", {mesh_name(label.id, kNeuroglancer)}}}.dump() + "\n");
-        names.push_back(store.label_name(label.id).value_or(LabelName{}));
-        names.back().id = label.id;
-        has_name = has_name || !names.back().name.empty();
     }
-    if (has_name) {
+    const std::vector<LabelName> names = names_of(store, labels);
+    if (!names.empty()) {
         write_segment_properties(folder, names);
         info["segment_properties"] = "segment_properties";
     }
