@@ -165,9 +165,21 @@ class View {
     return { full: missing(full, tiles), tiles: missing(tiles, full) };
   }
 
-  /** The same while the largest tile is hidden. */
+  /** The same while one tile is hidden: the one in front at most of 24 x 18 points of the picture. */
   compareWithoutOne() {
-    const [hidden] = [...this.tiles.visibleTiles].map((tile) => tile.engineData.scene).sort((a, b) => trianglesOf(b) - trianglesOf(a));
+    const scenes = [...this.tiles.visibleTiles].map((tile) => tile.engineData.scene);
+    const ray = new Raycaster();
+    const seen = new Map();
+    this.tiles.group.updateMatrixWorld(true);
+    for (let y = 0; y < 18; ++y) {
+      for (let x = 0; x < 24; ++x) {
+        ray.setFromCamera(new Vector2((x + 0.5) / 12 - 1, (y + 0.5) / 9 - 1), this.camera);
+        let [front] = ray.intersectObjects(scenes, true).map((hit) => hit.object);
+        while (front && !scenes.includes(front)) front = front.parent;
+        if (front) seen.set(front, (seen.get(front) ?? 0) + 1);
+      }
+    }
+    const [[hidden]] = [...seen].sort((a, b) => b[1] - a[1]);
     hidden.visible = false;
     const compared = this.compare(1);
     hidden.visible = true;
