@@ -507,6 +507,25 @@ void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem
                     fmt::format("the mesh has no scalar vertex attribute {} to colour by",
                                 options_.colors->attribute));
     }
+    const auto field =
+        std::find_if_not(layout.attributes.begin(), layout.attributes.end(), is_of_extraction);
+    if (field != layout.attributes.end() && !holds_fields()) {
+        throw Error(ErrorKind::invalid_argument, {path_.string()},
+                    fmt::format("the format has no place for {} at the vertices", field->name),
+                    {{RemedyKind::other_format, ".ply, .vtp, .vtkhdf, .glb"}});
+    }
+    const bool turns =
+        sign_between(layout.frame, frame_in_file(layout.frame, options_.space, path_)) < 0;
+    const auto vector =
+        std::find_if(layout.attributes.begin(), layout.attributes.end(),
+                     [](const auto& a) { return !is_of_extraction(a) && a.components > 1; });
+    if (turns && vector != layout.attributes.end()) {
+        throw Error(ErrorKind::invalid_argument, {path_.string()},
+                    fmt::format("the vectors of {} are in {} coordinates, and the file would be in "
+                                "{}: write the mesh in the coordinates as stored",
+                                vector->name, name_of(layout.frame),
+                                name_of(frame_in_file(layout.frame, options_.space, path_))));
+    }
     if (options_.colors && !(options_.colors->low < options_.colors->high)) {
         throw Error(ErrorKind::invalid_argument, {path_.string()},
                     "the value of the first colour must be below that of the last one");
@@ -527,6 +546,34 @@ void MeshFile::begin(const MeshLayout& layout) {
         written.hi[axis] = 0 - layout.lo[axis];
     }
     begin_file(written);
+}
+
+bool is_of_extraction(const VertexAttribute& attribute) {
+    constexpr std::array<std::string_view, 4> kOwn{"normal", "value", "error", "isovalue"};
+    return std::find(kOwn.begin(), kOwn.end(), attribute.name) != kOwn.end();
+}
+
+const VertexAttribute* main_scalar(const MeshLayout& layout) {
+    for (const char* const name : {"value", "error"}) {
+        if (const VertexAttribute* const found = layout.find(name)) {
+            return found;
+        }
+    }
+    const auto field =
+        std::find_if(layout.attributes.begin(), layout.attributes.end(),
+                     [](const auto& a) { return !is_of_extraction(a) && a.components == 1; });
+    return field != layout.attributes.end() ? &*field : nullptr;
+}
+
+std::string semantic_of(const VertexAttribute& attribute) {
+    if (attribute.name == "normal") {
+        return "NORMAL";
+    }
+    std::string name = "_";
+    for (const char c : attribute.name) {
+        name += c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
+    }
+    return name;
 }
 
 std::string space_text(AnatomicalFrame frame) {

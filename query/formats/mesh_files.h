@@ -54,6 +54,8 @@ class MeshFile : public MeshSink {
     [[nodiscard]] virtual bool holds_colors() const { return false; }
     /// Whether the format supports labels on both sides of triangles.
     [[nodiscard]] virtual bool holds_sides() const { return false; }
+    /// Whether the format supports attributes of any name.
+    [[nodiscard]] virtual bool holds_fields() const { return false; }
     /// `prepare`: as of OutputFile.
     OutputFile& create(
         const std::function<void(const std::filesystem::path& temporary)>& prepare = {});
@@ -76,6 +78,17 @@ AnatomicalFrame frame_in_file(AnatomicalFrame frame, MeshSpace space,
 
 /// The text read by 3D Slicer, for example "SPACE=RAS". Empty if the frame is unknown.
 std::string space_text(AnatomicalFrame frame);
+
+/// Whether an extraction itself makes attributes of this name. Others are fields (vertex_fields.h).
+bool is_of_extraction(const VertexAttribute& attribute);
+
+/// The attribute shown by default: the value, the error, or else the first scalar field; null:
+/// none.
+const VertexAttribute* main_scalar(const MeshLayout& layout);
+
+/// The attribute's name in glTF: its own name, or an application-specific one, which must start
+/// with an underscore.
+std::string semantic_of(const VertexAttribute& attribute);
 
 std::unique_ptr<MeshSink> ply_file(const std::filesystem::path& path, const MeshFileOptions& o);
 std::unique_ptr<MeshSink> stl_file(const std::filesystem::path& path, const MeshFileOptions& o);

@@ -22,8 +22,12 @@ std::string property_of(const VertexAttribute& attribute) {
     if (attribute.name == "normal") {
         return "property float nx\nproperty float ny\nproperty float nz\n";
     }
-    return fmt::format("property {} {}\n", attribute.is_double ? "double" : "float",
-                       attribute.name);
+    const char* const type = attribute.is_double ? "double" : "float";
+    if (attribute.components == 3) {
+        return fmt::format("property {0} {1}_x\nproperty {0} {1}_y\nproperty {0} {1}_z\n", type,
+                           attribute.name);
+    }
+    return fmt::format("property {} {}\n", type, attribute.name);
 }
 
 class PlyFile : public SectionedFile {
@@ -65,6 +69,7 @@ class PlyFile : public SectionedFile {
   protected:
     [[nodiscard]] bool holds_sides() const override { return true; }
     [[nodiscard]] bool holds_colors() const override { return true; }
+    [[nodiscard]] bool holds_fields() const override { return true; }
 
   private:
     /// PLY has no 64-bit integers.
@@ -126,14 +131,6 @@ namespace {
 
 std::uint64_t padded(std::uint64_t bytes) {
     return (bytes + 3) / 4 * 4;
-}
-
-/// glTF's own name, or an application-specific one, which must start with an underscore.
-std::string semantic_of(const std::string& name) {
-    return name == "normal"  ? "NORMAL"
-           : name == "value" ? "_VALUE"
-           : name == "error" ? "_ERROR"
-                             : "_ISOVALUE";
 }
 
 /// Buffer views and accessors, one of each for every array.
@@ -234,6 +231,7 @@ class GlbFile : public SectionedFile {
 
   protected:
     [[nodiscard]] bool holds_colors() const override { return true; }
+    [[nodiscard]] bool holds_fields() const override { return true; }
 
   private:
     /// The names of the attributes with the numbers of their accessors.
@@ -253,7 +251,7 @@ class GlbFile : public SectionedFile {
                        fmt::format(",\"min\":[{:.9g},{:.9g},{:.9g}],\"max\":[{:.9g},{:.9g},{:.9g}]",
                                    lo[0], lo[1], lo[2], hi[0], hi[1], hi[2]))));
         for (const VertexAttribute& a : layout.attributes) {
-            names += fmt::format(",\"{}\":{}", semantic_of(a.name), arrays.count);
+            names += fmt::format(",\"{}\":{}", semantic_of(a), arrays.count);
             sections.vertices.push_back(
                 attribute_section(arrays.add(nv * a.bytes(), nv, kFloat,
                                              a.components == 3 ? "VEC3" : "SCALAR", kVertices),

@@ -136,11 +136,10 @@ class VtpFile : public SectionedFile {
                         "NumberOfStrips=\"0\" NumberOfPolys=\"{}\">\n",
                         field_data(layout.unit, layout.frame, title(), color()), nv, lines ? nt : 0,
                         lines ? 0 : nt));
+        const VertexAttribute* const scalar = main_scalar(layout);
         data += fmt::format("<PointData{}{}>\n",
                             layout.find("normal") != nullptr ? " Normals=\"normal\"" : "",
-                            layout.find("value") != nullptr   ? " Scalars=\"value\""
-                            : layout.find("error") != nullptr ? " Scalars=\"error\""
-                                                              : "");
+                            scalar != nullptr ? fmt::format(" Scalars=\"{}\"", scalar->name) : "");
         for (const VertexAttribute& a : layout.attributes) {
             sections.vertices.push_back(in_base64(attribute_section(0, a), data.add(a, nv)));
         }
@@ -181,6 +180,7 @@ class VtpFile : public SectionedFile {
   protected:
     [[nodiscard]] bool holds_lines() const override { return true; }
     [[nodiscard]] bool holds_sides() const override { return true; }
+    [[nodiscard]] bool holds_fields() const override { return true; }
 };
 
 }  // namespace
@@ -418,6 +418,7 @@ class VtkhdfFile : public SectionedFile {
 
   protected:
     [[nodiscard]] bool holds_sides() const override { return true; }
+    [[nodiscard]] bool holds_fields() const override { return true; }
 };
 
 }  // namespace

@@ -6,6 +6,7 @@
 
 #include <isonest/error.h>
 
+#include "query/formats/mesh_files.h"
 #include "query/mesh/cut_polygon.h"
 #include "store/base/vectors.h"
 
@@ -211,14 +212,23 @@ void TileCutter::prepare(const MeshLayout& layout,
         throw Error(ErrorKind::invalid_argument,
                     "3D Tiles do not store the labels on both sides of a triangle");
     }
+    const VertexAttribute* const kept = main_scalar(layout);
+    for (const VertexAttribute& attribute : layout.attributes) {
+        if (!is_of_extraction(attribute) && &attribute != kept) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("the vertices of 3D Tiles have one number each, so that there "
+                                    "is no place for {}",
+                                    attribute.name),
+                        {{RemedyKind::other_format, ".ply, .vtp, .vtkhdf, .glb"}});
+        }
+    }
 }
 
 void TileCutter::begin(const MeshLayout& layout) {
     prepare(layout, {});
     layout_ = layout;
     normal_ = layout_.find("normal");
-    value_ = layout_.find("value");
-    value_ = value_ != nullptr ? value_ : layout_.find("error");
+    value_ = main_scalar(layout_);
     isovalue_ = layout_.find("isovalue");
     sums_ = normal_ == nullptr;
     if (sums_) {

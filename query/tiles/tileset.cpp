@@ -182,9 +182,8 @@ void Tileset::Parts::take(const MeshLayout& mesh) {
 detail::TileStyle Tileset::Parts::style() const {
     detail::TileStyle style{options.title, options.color, options.features, {}, options.colors};
     if (layout) {
-        style.value = layout->find("value") != nullptr   ? "_VALUE"
-                      : layout->find("error") != nullptr ? "_ERROR"
-                                                         : "";
+        const VertexAttribute* const value = detail::main_scalar(*layout);
+        style.value = value != nullptr ? detail::semantic_of(*value) : "";
         style.metres = layout->unit ? converted_length(1, *layout->unit, LengthUnit::metre) : 1;
     }
     return style;

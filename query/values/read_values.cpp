@@ -17,6 +17,7 @@
 #include <isonest/values.h>
 
 #include "query/values/blocks.h"
+#include "query/values/interpolation.h"
 #include "query/values/label_view.h"
 #include "query/values/node_fields.h"
 #include "query/values/node_sampler.h"
@@ -192,79 +193,6 @@ void want_indicators(const StoreLayout& layout, Field field, int level, const No
 }
 
 // Values between nodes.
-
-class Interpolation {
-  public:
-    Interpolation(const StoreLayout& layout, const SampleOptions& options)
-        : header_(layout.header()),
-          rotation_(header_.rotation()),
-          steps_(header_.steps()),
-          level_(options.level),
-          cells_(layout.lattice().cells_at(level_)),
-          is_linear_(options.cells == Cells::tetrahedra) {}
-
-    /// The place of a point in its cell.
-    struct Place {
-        Int3 cell;
-        Double3 in_cell{};  ///< from 0 to 1 along each axis
-    };
-    /// Nothing outside the volume.
-    [[nodiscard]] std::optional<Place> place_of(const Double3& point) const {
-        constexpr double kRounding = 0x1p32;
-        const Double3& o = header_.origin;
-        const Double3 steps = steps_.steps_of(
-            unrotated(rotation_, {point[0] - o[0], point[1] - o[1], point[2] - o[2]}));
-        Place place;
-        for (std::size_t a = 0; a < 3; ++a) {
-            const int axis = static_cast<int>(a);
-            const double rounded = std::nearbyint(steps[a] * kRounding) / kRounding;
-            if (!(rounded >= 0 && rounded <= static_cast<double>(header_.nodes[axis] - 1))) {
-                return std::nullopt;
-            }
-            const double at = std::ldexp(rounded, -level_);
-            const std::int64_t last = std::max<std::int64_t>(cells_[axis] - 1, 0);
-            place.cell[axis] = std::min(static_cast<std::int64_t>(at), last);
-            place.in_cell[a] = at - static_cast<double>(place.cell[axis]);
-        }
-        return place;
-    }
-
-    [[nodiscard]] double value(NodeSampler& nodes, const Place& place) const {
-        const double v = is_linear_ ? linear(nodes, place) : trilinear(nodes, place);
-        return std::isfinite(v) ? v : std::numeric_limits<double>::quiet_NaN();
-    }
-
-  private:
-    [[nodiscard]] double linear(NodeSampler& nodes, const Place& place) const {
-        return linear_value(place.cell, place.in_cell, [&](const Int3& node) {
-            return nodes.value(node * (std::int64_t{1} << level_), level_);
-        });
-    }
-
-    [[nodiscard]] double trilinear(NodeSampler& nodes, const Place& place) const {
-        double sum = 0;
-        for (unsigned corner = 0; corner < 8; ++corner) {
-            double weight = 1;
-            Int3 node = place.cell;
-            for (std::size_t a = 0; a < 3; ++a) {
-                const bool high = (corner >> a & 1U) != 0;
-                weight *= high ? place.in_cell[a] : 1 - place.in_cell[a];
-                node[static_cast<int>(a)] += high ? 1 : 0;
-            }
-            if (weight > 0) {
-                sum += weight * nodes.value(node * (std::int64_t{1} << level_), level_);
-            }
-        }
-        return sum;
-    }
-
-    const StoreHeader& header_;
-    Directions rotation_;
-    LatticeSteps steps_;
-    int level_;
-    Int3 cells_;
-    bool is_linear_;
-};
 
 /// Points are sorted by the chunk of their cells.
 struct Spot {

@@ -60,12 +60,20 @@ GraphQuery graph_query(const ExtractCommand& arguments, const Store* values) {
 std::string attribute_to_color(const ExtractCommand& arguments) {
     const ExtractArguments& a = arguments.extract;
     const LabelArguments& labels = arguments.labels;
+    const auto scalar =
+        std::find_if(arguments.named_values.begin(), arguments.named_values.end(),
+                     [](const NamedValues& values) { return values.sources.size() == 1; });
+    const bool has_values = !arguments.values.empty() || a.is_graph;
+    if (!has_values && scalar != arguments.named_values.end()) {
+        return scalar->name;
+    }
     if (labels.one || labels.several) {
         throw Error(ErrorKind::invalid_argument,
                     "--colors is for surfaces of values: each label has one colour, which the "
-                    "option --label-names of isonest preprocess sets");
+                    "option --label-names of isonest preprocess sets; to colour by another "
+                    "quantity, add --vertex-values NAME=STORE");
     }
-    if (!arguments.values.empty() || a.is_graph) {
+    if (has_values) {
         return "value";
     }
     if (arguments.isovalues.all.size() > 1 && !is_own_name(a.mesh)) {
@@ -93,6 +101,8 @@ void choose_vertex_colors(ExtractCommand& arguments, const Store& store, const S
         const auto [low, high] =
             std::minmax_element(arguments.isovalues.all.begin(), arguments.isovalues.all.end());
         choose_colors(a, attribute, *low, *high);
+    } else if (a.field_to_color && attribute == a.field_to_color->name) {
+        choose_colors(a, attribute, a.field_to_color->low, a.field_to_color->high);
     } else {
         const Store& of = values != nullptr ? *values : store;
         choose_colors(a, attribute, of.min_value(), of.max_value());
@@ -365,12 +375,9 @@ void choose_format(ExtractCommand& arguments) {
     a.normals = a.normals || (!arguments.labels.one && !arguments.labels.several);
 }
 
-Result run(ExtractCommand& arguments, bool has_iso, Communicator* ranks, Progress& progress) {
-    require_suitable_cells(arguments.extract);
-    choose_format(arguments);
-    if (!arguments.extract.color_map.empty()) {
-        attribute_to_color(arguments);
-    }
+/// Extracts from the store or the volume that INPUT names.
+Result extract_input(ExtractCommand& arguments, bool has_iso, Communicator* ranks,
+                     Progress& progress) {
     const std::optional<Store> store =
         open_if_store(arguments.in, arguments.extract.options.memory, progress);
     arguments.extract.store = store ? store->path().string() : arguments.in.shown();
@@ -395,6 +402,41 @@ Result run(ExtractCommand& arguments, bool has_iso, Communicator* ranks, Progres
     add_fetched(*store, result);
     if (others) {
         add_fetched_values(*others, result);
+    }
+    return result;
+}
+
+/// Sets the store of values and the named values from those of --vertex-values.
+void take_vertex_values(ExtractCommand& arguments, const std::vector<std::string>& texts) {
+    for (const std::string& text : texts) {
+        if (std::optional<NamedValues> named = parse_named_values(text)) {
+            arguments.named_values.push_back(std::move(*named));
+        } else if (arguments.values.empty()) {
+            arguments.values = text;
+        } else {
+            throw Error(ErrorKind::invalid_argument,
+                        "--vertex-values: only one store can be without a name; give the others "
+                        "as NAME=STORE");
+        }
+    }
+    if (arguments.extract.is_graph && !arguments.named_values.empty()) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--vertex-values NAME=STORE: the height of a graph is not a place in a "
+                    "volume; a STORE of the same lattice, without a name, gives its values");
+    }
+}
+
+Result run(ExtractCommand& arguments, bool has_iso, Communicator* ranks, Progress& progress) {
+    require_suitable_cells(arguments.extract);
+    choose_format(arguments);
+    if (!arguments.extract.color_map.empty()) {
+        attribute_to_color(arguments);
+    }
+    const VertexValues named(arguments.named_values, arguments.extract, arguments.in.remote, ranks,
+                             progress);
+    Result result = extract_input(arguments, has_iso, ranks, progress);
+    if (ranks == nullptr || ranks->rank() == 0) {
+        named.report(result);
     }
     return result;
 }
@@ -504,17 +546,22 @@ void add_extract(CLI::App& app, Invocation& chosen) {
         a->extract.color_range = parse_range(text);
     })->needs("--colors");
     c->add_flag("--normals", a->extract.normals);
-    c->add_option("--vertex-values", a->values);
+    const auto values = std::make_shared<std::vector<std::string>>();
+    c->add_option("--vertex-values", *values)->allow_extra_args(false);
     add_parsed(c, "--vertex-error", [a](const std::string& text) {
         a->extract.vertex_error = parse_field("--vertex-error", text);
     });
     c->add_flag("--quality", a->extract.options.quality);
     c->add_option("-o,--output", a->extract.mesh)->required();
-    c->callback([a, c, iso, &chosen] {
+    c->callback([a, c, iso, values, &chosen] {
         note_source_option(*c, a->in);
+        take_vertex_values(*a, *values);
         chosen.run = [a, ranks = chosen.ranks, has_iso = iso->count() > 0](Progress& progress) {
             std::vector<std::string> inputs = a->in.input;
             inputs.push_back(a->values);
+            for (const NamedValues& named : a->named_values) {
+                inputs.insert(inputs.end(), named.sources.begin(), named.sources.end());
+            }
             require_remote(a->in.remote, inputs);
             return run_beside_fetching(a->in.remote,
                                        [&] { return run(*a, has_iso, ranks, progress); });

@@ -9,6 +9,7 @@
 #include <isonest/open_volume.h>
 
 #include "tools/cli/commands/input_store.h"
+#include "tools/cli/commands/vertex_values.h"
 #include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/label_options.h"
 #include "tools/cli/options/surface_options.h"
@@ -29,6 +30,7 @@ struct ExtractCommand {
     bool volume_interval = false;
     VertexPlace vertices = VertexPlace::linear;
     std::string values;  ///< location of a second store, or empty
+    std::vector<NamedValues> named_values;
     LabelArguments labels;
     InputArguments in;
 

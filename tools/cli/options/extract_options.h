@@ -2,14 +2,17 @@
 #pragma once
 
 #include <array>
+#include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <isonest/extract.h>
 #include <isonest/field.h>
 #include <isonest/mesh_file.h>
 #include <isonest/tileset.h>
+#include <isonest/vertex_fields.h>
 
 #include "tools/cli/program.h"
 
@@ -28,6 +31,13 @@ std::vector<Field> parse_indicators(const std::string& option, const std::string
 /// note_on_name() for the names in the options of the parsed command, a line each; empty if there
 /// are none.
 std::string notes_on_names(const CLI::App& command);
+
+/// A quantity by which vertices can be coloured, and its range.
+struct ColoredField {
+    std::string name;
+    double low = 0;
+    double high = 1;
+};
 
 /// The parsed options.
 struct ExtractArguments {
@@ -50,8 +60,12 @@ struct ExtractArguments {
     std::string color_map = {};              ///< for colours of vertices; empty: none
     std::optional<std::array<double, 2>> color_range = {};
     std::optional<VertexColors> vertex_colors = {};  ///< set by choose_colors()
-    bool tiles = false;                              ///< write 3D Tiles to the folder `mesh`
-    std::optional<Georeference> georeference = {};   ///< of the tiles
+    /// Added to the meshes on their way to the files; null: none. Lives as long as they are
+    /// written.
+    VertexFields* fields = nullptr;
+    std::optional<ColoredField> field_to_color = {};  ///< the first scalar of `fields`
+    bool tiles = false;                               ///< write 3D Tiles to the folder `mesh`
+    std::optional<Georeference> georeference = {};    ///< of the tiles
 
     /// Options for writing the mesh file.
     [[nodiscard]] MeshFileOptions file_options() const {
@@ -61,6 +75,10 @@ struct ExtractArguments {
                 .space = space,
                 .colors = vertex_colors,
                 .up = up};
+    }
+    /// The way of a mesh to its file.
+    [[nodiscard]] std::unique_ptr<MeshSink> with_fields(std::unique_ptr<MeshSink> file) const {
+        return fields != nullptr ? fields->sink(std::move(file)) : std::move(file);
     }
     template <class Stop>
     [[nodiscard]] Stop stop_test() const {

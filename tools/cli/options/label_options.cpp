@@ -314,6 +314,10 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
                     "is not a folder; with --labels, give a folder for the meshes");
     }
     const bool is_turned = a.space != MeshSpace::automatic && a.space != MeshSpace::as_stored;
+    if (makes_detail_levels(labels) && a.fields != nullptr) {
+        throw Error(ErrorKind::invalid_argument, {a.mesh},
+                    "--vertex-values: meshes for Neuroglancer have no values at their vertices");
+    }
     if (makes_detail_levels(labels) && (is_turned || a.up != UpAxis::z)) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
                     fmt::format("{}: meshes for Neuroglancer are always as stored",
@@ -352,7 +356,8 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
             [&](const Label& label) {
                 MeshFileOptions file = label_file_options(store, label.id, a.file_options());
                 file.shift = shift_of(store, over);
-                return open_mesh_file(folder / mesh_name(label.id, labels.format), file);
+                return a.with_fields(
+                    open_mesh_file(folder / mesh_name(label.id, labels.format), file));
             },
             take, options, progress);
     }
@@ -488,7 +493,7 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
         throw Error(ErrorKind::invalid_argument, {a.store},
                     "--interfaces needs --smooth; --smooth=0 keeps the faces of the voxels");
     }
-    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, a.file_options());
+    const std::unique_ptr<MeshSink> sink = a.with_fields(open_mesh_file(a.mesh, a.file_options()));
     // Fails early if the format cannot hold the attributes of the mesh.
     MeshLayout layout;
     layout.frame = store.frame();

@@ -125,7 +125,7 @@ constexpr OptionRow kOptions[] = {
     {"publish", "--output", kWritten, "FOLDER", "the folder to write", kSitesByProgram},
     {"extract", "--normals", kWritten, "", "vertex normals, from the gradient of the data", "normals: bool"},
     {"slice", "--normals", kWritten, "", "vertex normals: the plane's", "normals: bool"},
-    {"", "--vertex-values", kWritten, "STORE", "vertex values from a store of the same lattice", "vertex_values: Store"},
+    {"", "--vertex-values", kWritten, "STORE", "values of STORE, or NAME=STORE: of any lattice", "vertex_values: Store"},
     {"", "--vertex-error", kWritten, "FIELD", "how far vertices may be off, by this field", "vertex_error: str"},
     {"", "--space", kWritten, "AXES", "patient axes: ras, lps, as-stored [ras where known]", "space: choice"},
     {"", "--up", kWritten, "y|z", "the axis that points up in .glb and .obj [z]", "up: choice"},

@@ -99,7 +99,7 @@ std::string folder_name(std::string name) {
 MeshOutput::MeshOutput(const ExtractArguments& a, const MeshFileOptions& file,
                        const StoreHeader& header, std::vector<TileFeature> features,
                        std::optional<std::array<double, 2>> heights)
-    : mesh_(a.mesh), file_(file), unit_(unit_suffix(header.unit)) {
+    : mesh_(a.mesh), file_(file), fields_(a.fields), unit_(unit_suffix(header.unit)) {
     if (!makes_tiles(a)) {
         return;
     }
@@ -119,7 +119,9 @@ MeshOutput::MeshOutput(const ExtractArguments& a, const MeshFileOptions& file,
 }
 
 std::unique_ptr<MeshSink> MeshOutput::sink(std::size_t feature) {
-    return tileset_ ? tileset_->sink(feature) : open_mesh_file(mesh_, file_);
+    std::unique_ptr<MeshSink> made =
+        tileset_ ? tileset_->sink(feature) : open_mesh_file(mesh_, file_);
+    return fields_ != nullptr ? fields_->sink(std::move(made)) : std::move(made);
 }
 
 void MeshOutput::finish(const ExtractReport& r, Progress& progress, Result& result) {

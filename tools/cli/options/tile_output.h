@@ -49,6 +49,7 @@ class MeshOutput {
   private:
     std::string mesh_;
     MeshFileOptions file_;
+    VertexFields* fields_;  ///< null: none
     std::string unit_;
     std::unique_ptr<Tileset> tileset_;  ///< null: a mesh file
 };

@@ -364,8 +364,11 @@ def extract_interfaces(store: Store, labels: Optional[Sequence[int]], query: Sur
                        progress: _Report) -> Tuple[_Mesh, np.ndarray, Dict[Tuple[int, int], float]]: ...
 def save_mesh(path: _Path, layout: MeshLayout, positions: np.ndarray, elements: np.ndarray, flip: bool,
               normals: Optional[np.ndarray], values: Optional[np.ndarray], errors: Optional[np.ndarray],
-              labels: Optional[np.ndarray], space: Optional[str], shift: Tuple[float, float, float],
+              fields: List[np.ndarray], labels: Optional[np.ndarray], space: Optional[str], shift: Tuple[float, float, float],
               up: str, progress: _Report) -> None: ...
+def fields_of_mesh(layout: MeshLayout, positions: np.ndarray, elements: np.ndarray,
+                   stores: Sequence[Tuple[str, Sequence[Store]]], options: ExtractOptions,
+                   progress: _Report) -> Tuple[MeshLayout, List[np.ndarray], List[float]]: ...
 
 class StoredArray:
     """An array of a store."""

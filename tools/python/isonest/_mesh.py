@@ -2,13 +2,17 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Iterator, Literal, Optional, cast, overload
+from typing import TYPE_CHECKING, Any, Iterator, Literal, Mapping, Optional, Sequence, cast, overload
 
 import numpy as np
 
 from . import _core, _picture, _reports
-from ._arguments import Progress, reporting
+from ._arguments import Bytes, Progress, reporting
 from ._frame import Frame
+from ._queries import options
+
+if TYPE_CHECKING:
+    from ._store import Store
 
 _reports.register()
 Space = Literal["ras", "lps", "as-stored"]
@@ -39,6 +43,8 @@ class Mesh:
         self._level = level
         self._labels = labels
         self._areas = areas
+        self._fields: "dict[str, np.ndarray]" = {}
+        self._field_bounds: "dict[str, float]" = {}
         self._vertices: Optional[np.ndarray] = None
 
     @property
@@ -79,6 +85,17 @@ class Mesh:
     def errors(self) -> Optional[np.ndarray]:
         """(n,), float32: the field of ``vertex_error``. None if not requested."""
         return self._errors
+
+    @property
+    def fields(self) -> "dict[str, np.ndarray]":
+        """The quantities of :meth:`with_values` by name: (n,) for scalars, (n, 3) for vectors; NaN where missing."""
+        return dict(self._fields)
+
+    @property
+    def field_bounds(self) -> "dict[str, float]":
+        """How far linear interpolation on a face is from the quantity, at most; proven for all faces that have no missing
+        values near them."""
+        return dict(self._field_bounds)
 
     @property
     def labels(self) -> "np.ndarray | Any":
@@ -131,8 +148,34 @@ class Mesh:
     def _other(self, coordinates: str) -> "Mesh":
         parts = (self._positions, self._elements, self._normals, self._values, self._errors, self._layout,
                  self.report)
-        return Mesh(parts, coordinates=coordinates, frame=self._frame, flip=self._flip, level=self._level,
-                    labels=self._labels, areas=self._areas)
+        other = Mesh(parts, coordinates=coordinates, frame=self._frame, flip=self._flip, level=self._level,
+                     labels=self._labels, areas=self._areas)
+        other._fields, other._field_bounds = self._fields, self._field_bounds
+        return other
+
+    def with_values(self, values: "Mapping[str, Store | Sequence[Store]]", *, memory: Bytes = "1G", threads: int = 0,
+                    progress: Progress = None) -> "Mesh":
+        """The same mesh with the values of other stores at its vertices; shares the memory.
+
+        values: a store per name, or three for the x, y and z components of a vector. Each vertex gets the value at its
+            own place in the world, so the stores can have any lattice. Between their nodes they are trilinear.
+        memory, threads, progress: as for :meth:`Store.isosurface`.
+
+        The values are in :attr:`fields`, and in files that :meth:`save` writes; :attr:`field_bounds` has their errors
+        between vertices.
+        """
+        stores = [(name, [one._core for one in (given if isinstance(given, Sequence) else [given])])
+                  for name, given in values.items()]
+        repeated = [name for name in values if name in self._fields]
+        if repeated:
+            raise ValueError(f"the mesh has values with the name {repeated[0]!r}")
+        other = self._other(self._coordinates)
+        with reporting(progress) as report:
+            other._layout, arrays, bounds = _core.fields_of_mesh(
+                self._layout, self._positions, self._elements.view(np.uint32), stores, options(memory, threads, ""), report)
+        other._fields = {**self._fields, **dict(zip(values, arrays))}
+        other._field_bounds = {**self._field_bounds, **dict(zip(values, bounds))}
+        return other
 
     def in_world(self) -> "Mesh":
         """The same mesh in world coordinates (x, y, z); shares the memory."""
@@ -159,11 +202,12 @@ class Mesh:
         """
         with reporting(progress) as report:
             _core.save_mesh(os.fspath(path), self._layout, self._positions, self._elements.view(np.uint32), self._flip,
-                            self._normals, self._values, self._errors, self._labels, space, shift, up, report)
+                            self._normals, self._values, self._errors, list(self._fields.values()), self._labels, space,
+                            shift, up, report)
 
     def _attributes(self) -> dict[str, np.ndarray]:
         named = {"normal": self._normals, "value": self._values, "error": self._errors}
-        return {name: array for name, array in named.items() if array is not None}
+        return {**{name: array for name, array in named.items() if array is not None}, **self._fields}
 
     def to_vtk(self) -> Any:
         """Converts to a ``vtkPolyData`` in world coordinates. It shares vertices and attributes; faces are copied."""

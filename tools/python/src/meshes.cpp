@@ -31,6 +31,7 @@
 #include <isonest/mesh_file.h>
 
 #include "query/extract/combinations.h"
+#include "query/formats/mesh_files.h"
 #include "tools/python/src/progress.h"
 #include "tools/python/src/queries.h"
 #include "tools/python/src/sources.h"
@@ -56,7 +57,14 @@ MeshLayout in_float32(MeshLayout layout) {
 class Rows {
   public:
     Rows(const ArrayMesh& mesh, const MeshLayout& layout, const std::filesystem::path& path)
-        : mesh_(mesh), layout_(layout), path_(path) {}
+        : mesh_(mesh), layout_(layout), path_(path), fields_(layout.attributes.size()) {
+        std::size_t next = 0;
+        for (std::size_t i = 0; i < fields_.size(); ++i) {
+            if (!detail::is_of_extraction(layout.attributes[i])) {
+                fields_[i] = mesh.fields.at(next++);
+            }
+        }
+    }
 
     void clear() {
         positions_.clear();
@@ -67,8 +75,13 @@ class Rows {
         positions_.push_back({p[0], p[1], p[2]});
         attributes_.resize(attributes_.size() + layout_.row_bytes);
         std::byte* const row = attributes_.data() + attributes_.size() - layout_.row_bytes;
-        for (const VertexAttribute& attribute : layout_.attributes) {
-            put(attribute, vertex, row + attribute.offset);
+        for (std::size_t i = 0; i < fields_.size(); ++i) {
+            const VertexAttribute& attribute = layout_.attributes[i];
+            if (fields_[i].rows != nullptr) {
+                put(fields_[i], attribute, vertex, row + attribute.offset);
+            } else {
+                put(attribute, vertex, row + attribute.offset);
+            }
         }
     }
     [[nodiscard]] VertexBatch batch(std::size_t first) const {
@@ -84,20 +97,37 @@ class Rows {
         } else if (attribute.is_double) {
             std::memcpy(to, mesh_.values + vertex, attribute.bytes());
         } else {
-            const double value = mesh_.values[vertex];
-            if (std::fabs(value) > static_cast<double>(std::numeric_limits<float>::max())) {
-                throw Error(ErrorKind::limit, {path_.string()},
-                            "the values are beyond the range of the format's 32-bit floats",
-                            {{RemedyKind::other_format, ".ply, .vtp, .vtkhdf"}});
-            }
-            const auto rounded = static_cast<float>(value);
-            std::memcpy(to, &rounded, attribute.bytes());
+            put_rounded(mesh_.values[vertex], to);
         }
+    }
+    void put(const ArrayField& field, const VertexAttribute& attribute, std::size_t vertex,
+             std::byte* to) const {
+        if (field.is_double == attribute.is_double) {
+            std::memcpy(to, field.rows + vertex * attribute.bytes(), attribute.bytes());
+            return;
+        }
+        const auto components = static_cast<std::size_t>(attribute.components);
+        for (std::size_t c = 0; c < components; ++c) {
+            double value = 0;
+            std::memcpy(&value, field.rows + (vertex * components + c) * sizeof(value),
+                        sizeof(value));
+            put_rounded(value, to + c * sizeof(float));
+        }
+    }
+    void put_rounded(double value, std::byte* to) const {
+        if (std::fabs(value) > static_cast<double>(std::numeric_limits<float>::max())) {
+            throw Error(ErrorKind::limit, {path_.string()},
+                        "the values are beyond the range of the format's 32-bit floats",
+                        {{RemedyKind::other_format, ".ply, .vtp, .vtkhdf"}});
+        }
+        const auto rounded = static_cast<float>(value);
+        std::memcpy(to, &rounded, sizeof(rounded));
     }
 
     const ArrayMesh& mesh_;
     const MeshLayout& layout_;
     const std::filesystem::path& path_;
+    std::vector<ArrayField> fields_;  ///< of each attribute of the layout; null rows: none
     std::vector<Position> positions_;
     std::vector<std::byte> attributes_;
 };
@@ -450,6 +480,30 @@ const T* attribute_of(const MeshOrigin& origin, const char* name, std::size_t ve
     return array->data();
 }
 
+/// Keeps the arrays alive whose rows a mesh uses.
+std::vector<py::array> add_fields(const MeshOrigin& origin, const py::list& fields,
+                                  ArrayMesh& mesh) {
+    std::vector<py::array> kept;
+    for (const VertexAttribute& attribute : origin.layout.attributes) {
+        if (detail::is_of_extraction(attribute)) {
+            continue;
+        }
+        if (kept.size() == fields.size()) {
+            throw py::value_error("the arrays of the mesh are inconsistent");
+        }
+        const py::object array = fields[kept.size()];
+        kept.push_back(attribute.is_double ? py::array(Doubles::ensure(array))
+                                           : py::array(Floats::ensure(array)));
+        if (!kept.back() ||
+            static_cast<std::size_t>(kept.back().nbytes()) != mesh.vertices * attribute.bytes()) {
+            throw py::value_error("the arrays of the mesh are inconsistent");
+        }
+        mesh.fields.push_back(
+            {static_cast<const std::byte*>(kept.back().data()), attribute.is_double});
+    }
+    return kept;
+}
+
 MeshSpace space_of(const std::optional<std::string>& name) {
     const auto frame = name ? frame_from(*name) : std::nullopt;
     if (name && !frame && *name != "as-stored") {
@@ -464,8 +518,9 @@ MeshSpace space_of(const std::optional<std::string>& name) {
 void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, const Floats& positions,
                const CornerNumbers& elements, bool flip, const std::optional<Floats>& normals,
                const std::optional<Doubles>& values, const std::optional<Floats>& errors,
-               const std::optional<LabelNumbers>& labels, const std::optional<std::string>& space,
-               const Double3& shift, const std::string& up, const py::object& progress) {
+               const py::list& fields, const std::optional<LabelNumbers>& labels,
+               const std::optional<std::string>& space, const Double3& shift, const std::string& up,
+               const py::object& progress) {
     const MeshSpace written = space_of(space);
     if (up != "y" && up != "z") {
         throw py::value_error("up='" + up + "': give 'y' or 'z'");
@@ -480,6 +535,7 @@ void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, cons
     mesh.normals = attribute_of(origin, "normal", mesh.vertices, normals);
     mesh.values = attribute_of(origin, "value", mesh.vertices, values);
     mesh.errors = attribute_of(origin, "error", mesh.vertices, errors);
+    const std::vector<py::array> kept = add_fields(origin, fields, mesh);
     if (origin.layout.has_sides) {
         if (!labels || static_cast<std::size_t>(labels->size()) != 2 * mesh.elements) {
             throw py::value_error("the arrays of the mesh are inconsistent");
@@ -568,8 +624,9 @@ void add_meshes(py::module_& module) {
     module.def("extract_interfaces", &extract_interface_mesh, "store"_a, "labels"_a, "query"_a,
                "options"_a, "progress"_a);
     module.def("save_mesh", &save_mesh, "path"_a, "layout"_a, "positions"_a, "elements"_a, "flip"_a,
-               "normals"_a, "values"_a, "errors"_a, "labels"_a, "space"_a, "shift"_a, "up"_a,
-               "progress"_a);
+               "normals"_a, "values"_a, "errors"_a, "fields"_a, "labels"_a, "space"_a, "shift"_a,
+               "up"_a, "progress"_a);
+    add_mesh_fields(module);
 }
 
 }  // namespace isonest::python

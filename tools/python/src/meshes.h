@@ -22,6 +22,12 @@ struct MeshOrigin {
     LabelName label = {};  ///< name and colour of the label, for the surface of a label
 };
 
+/// The rows of a field (vertex_fields.h) that somebody else owns.
+struct ArrayField {
+    const std::byte* rows = nullptr;
+    bool is_double = false;
+};
+
 /// A mesh in arrays that it does not own. Attributes that the layout lacks are null.
 struct ArrayMesh {
     std::size_t vertices = 0;
@@ -32,6 +38,7 @@ struct ArrayMesh {
     const float* normals = nullptr;
     const double* values = nullptr;
     const float* errors = nullptr;
+    std::vector<ArrayField> fields = {};                 ///< in the order of the layout
     const std::array<std::int64_t, 2>* sides = nullptr;  ///< labels on both sides of each element
 };
 
@@ -47,5 +54,8 @@ namespace py = pybind11;
 /// Adds the functions for extraction, MeshLayout and save_mesh(). REQUIRES: add_queries(),
 /// add_stores() and add_reports() were called.
 void add_meshes(py::module_& module);
+/// Adds the function for values of other stores at the vertices of a mesh. REQUIRES: as
+/// add_meshes(), which calls it.
+void add_mesh_fields(py::module_& module);
 
 }  // namespace isonest::python

@@ -1,0 +1,71 @@
+// Quantities of other stores at the vertices of a mesh: a pressure on a surface of temperature, the
+// CT values on the surface of an organ.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <isonest/mesh_sink.h>
+#include <isonest/values.h>
+
+namespace isonest {
+
+/// A quantity of which each vertex gets the value at its own position in the world. It may have
+/// another lattice than the mesh. Between the nodes of its store it is trilinear.
+struct VertexField {
+    /// Name of the attribute: up to 64 letters, digits and underscores, not starting with a digit.
+    std::string name = {};
+    /// One store, or three for the components x, y and z of a vector. They must outlive the use.
+    std::vector<const Store*> components = {};
+};
+
+/// What is known of a field on all meshes that received it.
+struct VertexFieldReport {
+    std::string name = {};
+    int components = 1;
+    /// Vertices where a component is missing: they are outside the volume, or a value next to them
+    /// is missing. Their attribute is NaN.
+    std::uint64_t missing_vertices = 0;
+    /// Proven: on every triangle (or line) without missing values near it, the linear function
+    /// between its vertices differs from the field by at most this. It includes the rounding of the
+    /// attributes to float32 and the rounding of the values in the store; for a vector it is for
+    /// each component.
+    double linear_bound = 0;
+    /// Triangles (or lines) to which linear_bound does not apply, because of missing values.
+    std::uint64_t unbounded_elements = 0;
+};
+
+/// Adds fields to meshes on their way to a sink. Thread-safety: the sinks of one object may be used
+/// at the same time; reports() when none of them is.
+class VertexFields {
+  public:
+    /// Names that the attributes of a mesh or the columns of a mesh file already have.
+    static bool is_reserved(const std::string& name);
+
+    /// `options`: the memory is divided among the components. Throws Error{invalid_argument} for a
+    /// name that is invalid, reserved or used twice (upper and lower case are the same in some
+    /// formats), for a number of components other than 1 and 3; Error{unsupported} for labels;
+    /// Error{limit} if there is too little memory.
+    explicit VertexFields(std::vector<VertexField> fields, const ReadOptions& options = {});
+    VertexFields(const VertexFields&) = delete;
+    VertexFields& operator=(const VertexFields&) = delete;
+    ~VertexFields();
+
+    /// A sink that adds the fields to a mesh, after its other attributes, and passes it on. `inner`
+    /// must outlive it. An attribute is float64 if the values are and `inner` holds float64, else
+    /// float32. The sink is not concurrent. Throws what reading a store throws.
+    [[nodiscard]] std::unique_ptr<MeshSink> sink(MeshSink& inner);
+    [[nodiscard]] std::unique_ptr<MeshSink> sink(std::unique_ptr<MeshSink> inner);
+
+    /// One report per field, on all meshes so far.
+    [[nodiscard]] std::vector<VertexFieldReport> reports() const;
+
+    struct Parts;
+
+  private:
+    std::unique_ptr<Parts> parts_;
+};
+
+}  // namespace isonest

@@ -1,0 +1,158 @@
+// A bound for what linear interpolation on a triangle misses of a trilinear function.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <vector>
+
+#include "store/base/vectors.h"
+
+namespace isonest::detail {
+
+/// Computes the bound for one triangle after another. Not thread-safe.
+///
+/// The lattice's planes and the sides of the triangle's bounding box divide the box into pieces of
+/// cells. In each, the trilinear function f is a weighted mean of its values at the piece's eight
+/// corners, and so is an affine function A. Therefore |f - A| is nowhere on the triangle larger
+/// than at the corners of the pieces that the triangle meets. The linear function L on the triangle
+/// extends to a family of affine functions A, which differ by their slope across the triangle; any
+/// of them gives a valid bound, and the slope is fitted to the corners.
+class LinearBound {
+  public:
+    /// The bound for |f - L|; NaN if f is not finite at one of the corners. `triangle`: in steps of
+    /// the lattice, inside it; `values`: of L at the triangle's corners; f(point): a finite number,
+    /// or NaN; points are inside the triangle's box.
+    template <class Function>
+    [[nodiscard]] double of(const std::array<Double3, 3>& triangle,
+                            const std::array<double, 3>& values, const Function& f);
+
+  private:
+    /// Points x with direction . x <= most.
+    struct HalfSpace {
+        Double3 direction;
+        double most;
+    };
+    struct Corner {
+        double difference;  ///< f - A
+        double height;      ///< above the triangle's plane
+    };
+    void enclose(const std::array<Double3, 3>& triangle, const Double3& direction);
+    void set_box(const std::array<Double3, 3>& triangle);
+
+    std::array<std::vector<double>, 3> planes_;  ///< along each axis, ascending
+    std::vector<HalfSpace> half_spaces_;
+    std::vector<Corner> corners_;
+};
+
+/// Adds the half space that contains all pieces of cells that the triangle meets.
+inline void LinearBound::enclose(const std::array<Double3, 3>& triangle, const Double3& direction) {
+    // Two points of a cell are at most one step apart along each axis.
+    const double reach =
+        std::fabs(direction[0]) + std::fabs(direction[1]) + std::fabs(direction[2]);
+    double most = -std::numeric_limits<double>::infinity();
+    for (const Double3& corner : triangle) {
+        most = std::max(most, dot(direction, corner));
+    }
+    constexpr double kRounding = 1e-9;
+    half_spaces_.push_back({direction, most + reach * (1 + kRounding)});
+}
+
+inline void LinearBound::set_box(const std::array<Double3, 3>& triangle) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const auto [least, most] =
+            std::minmax({triangle[0][axis], triangle[1][axis], triangle[2][axis]});
+        std::vector<double>& planes = planes_[axis];
+        planes.assign(1, least);
+        for (double plane = std::floor(least) + 1; plane < most; ++plane) {
+            planes.push_back(plane);
+        }
+        if (least < most) {
+            planes.push_back(most);
+        }
+    }
+}
+
+template <class Function>
+double LinearBound::of(const std::array<Double3, 3>& triangle, const std::array<double, 3>& values,
+                       const Function& f) {
+    const auto minus = [](const Double3& a, const Double3& b) {
+        return Double3{a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+    };
+    const Double3 e1 = minus(triangle[1], triangle[0]);
+    const Double3 e2 = minus(triangle[2], triangle[0]);
+    Double3 normal = cross(e1, e2);
+    const double size = std::sqrt(dot(normal, normal));
+    // A(x) = values[0] + slope . (x - triangle[0])
+    Double3 slope{};
+    half_spaces_.clear();
+    if (size > 0) {
+        normal = {normal[0] / size, normal[1] / size, normal[2] / size};
+        const Double3 a = cross(e2, normal);
+        const Double3 b = cross(normal, e1);
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            slope[axis] =
+                ((values[1] - values[0]) * a[axis] + (values[2] - values[0]) * b[axis]) / size;
+        }
+        enclose(triangle, normal);
+        enclose(triangle, {-normal[0], -normal[1], -normal[2]});
+        for (const Double3& edge : {e1, minus(e2, e1), Double3{-e2[0], -e2[1], -e2[2]}}) {
+            enclose(triangle, cross(edge, normal));
+        }
+    }
+    set_box(triangle);
+    corners_.clear();
+    double low = std::numeric_limits<double>::infinity();
+    double high = -low;
+    for (const double z : planes_[2]) {
+        for (const double y : planes_[1]) {
+            for (const double x : planes_[0]) {
+                const Double3 point{x, y, z};
+                const bool is_away = std::any_of(
+                    half_spaces_.begin(), half_spaces_.end(),
+                    [&](const HalfSpace& h) { return dot(h.direction, point) > h.most; });
+                if (is_away) {
+                    continue;
+                }
+                const double value = f(point);
+                if (!std::isfinite(value)) {
+                    return std::numeric_limits<double>::quiet_NaN();
+                }
+                const Double3 d = minus(point, triangle[0]);
+                corners_.push_back({value - values[0] - dot(slope, d), dot(normal, d)});
+                low = std::min(low, value);
+                high = std::max(high, value);
+            }
+        }
+    }
+    // f lies between its values at the corners, L between those at the triangle's corners.
+    const auto [least, most] = std::minmax({values[0], values[1], values[2]});
+    const double by_range = std::max(high - least, most - low);
+    if (size == 0) {
+        return by_range;
+    }
+    double products = 0;
+    double squares = 0;
+    for (const Corner& corner : corners_) {
+        products += corner.difference * corner.height;
+        squares += corner.height * corner.height;
+    }
+    const double across = squares > 0 ? products / squares : 0;
+    double worst = 0;
+    for (const Corner& corner : corners_) {
+        worst = std::max(worst, std::fabs(corner.difference - across * corner.height));
+    }
+    // What rounding makes of A at the triangle's corners.
+    double rounding = 0;
+    for (std::size_t i = 1; i < 3; ++i) {
+        const Double3 d = minus(triangle[i], triangle[0]);
+        const double at = dot(slope, d) + across * dot(normal, d);
+        rounding = std::max(rounding, std::fabs(values[0] + at - values[i]));
+    }
+    constexpr double kArithmetic = 1 + 1e-12;
+    return std::min(by_range, (worst + rounding) * kArithmetic);
+}
+
+}  // namespace isonest::detail

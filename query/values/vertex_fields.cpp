@@ -1,0 +1,392 @@
+#include <fmt/format.h>
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/task_arena.h>
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <limits>
+#include <mutex>
+#include <utility>
+
+#include <isonest/error.h>
+#include <isonest/vertex_fields.h>
+
+#include "query/values/interpolation.h"
+#include "query/values/label_view.h"
+#include "query/values/linear_bound.h"
+#include "query/values/node_fields.h"
+#include "query/values/node_sampler.h"
+#include "store/base/memory.h"
+#include "store/base/workers.h"
+#include "store/container/chunk_cache.h"
+#include "store/container/codec.h"
+#include "store/container/reader.h"
+
+namespace isonest {
+namespace detail {
+namespace {
+
+/// Vertices or elements of a task.
+constexpr std::size_t kAtOnce = 2048;
+
+/// Bytes that a thread holds while it reads single nodes.
+std::uint64_t heap_of_thread(const StoreLayout& layout) {
+    const std::uint64_t chunk = layout.array(0, Field::values).chunk_bytes();
+    return decode_heap(chunk) + 3 * chunk;
+}
+
+/// One scalar quantity of a store.
+class Quantity {
+  public:
+    Quantity(const Store& store, std::uint64_t memory, int threads)
+        : store_(store.reader()),
+          interpolation_(store_.layout(), {0, Cells::hexahedra}),
+          tolerance_(store.rounding().tolerance),
+          cache_(store_, budget(store_, memory, threads)) {}
+
+    /// Half of the memory is for the cache, at least the chunks that the threads hold.
+    static std::uint64_t budget(const StoreReader& store, std::uint64_t memory, int threads) {
+        const std::uint64_t held =
+            static_cast<std::uint64_t>(threads) * heap_of_thread(store.layout());
+        require_memory(store.path().string(), memory, held, "the values at the vertices");
+        return memory - held +
+               static_cast<std::uint64_t>(threads) *
+                   store.layout().array(0, Field::values).chunk_bytes();
+    }
+
+    [[nodiscard]] const Interpolation& interpolation() const { return interpolation_; }
+    [[nodiscard]] double tolerance() const { return tolerance_; }
+    [[nodiscard]] std::filesystem::path path() const { return store_.path(); }
+    [[nodiscard]] NodeSampler sampler() { return NodeSampler(cache_); }
+
+    /// Fetches the chunks around these points ahead, if the store is remote.
+    void prefetch(std::span<const std::array<float, 3>> points);
+
+  private:
+    const StoreReader& store_;
+    Interpolation interpolation_;
+    double tolerance_;
+    ChunkCache cache_;
+};
+
+Double3 in_double(const std::array<float, 3>& p) {
+    return {static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2])};
+}
+
+void Quantity::prefetch(std::span<const std::array<float, 3>> points) {
+    if (!store_.is_remote()) {
+        return;
+    }
+    const ArrayInfo& array = store_.layout().array(0, Field::values);
+    ChunkNeeds needs;
+    for (const std::array<float, 3>& point : points) {
+        const auto place = interpolation_.place_of(in_double(point));
+        if (!place) {
+            continue;
+        }
+        const Int3 low = array.chunk_of(place->cell);
+        const Int3 high =
+            array.chunk_of(min(place->cell + Int3{1, 1, 1}, array.nodes - Int3{1, 1, 1}));
+        const Int3 span = high - low + Int3{1, 1, 1};
+        for (std::int64_t i = 0; i < span.product(); ++i) {
+            needs.add(array, low + span.unlinear(i));
+        }
+    }
+    if (needs.bytes() <= cache_.budget()) {
+        cache_.prefetch(needs.chunks());
+    }
+}
+
+/// Calls work(begin, end) for parts of [0, count) in parallel. Threads that wait do no other work
+/// of the arena, which might need a lock that the caller holds.
+template <class Work>
+void for_parts(std::size_t count, const Work& work) {
+    tbb::this_task_arena::isolate([&] {
+        tbb::parallel_for(
+            tbb::blocked_range<std::size_t>(0, count, kAtOnce),
+            [&](const tbb::blocked_range<std::size_t>& part) { work(part.begin(), part.end()); });
+    });
+}
+
+}  // namespace
+}  // namespace detail
+
+struct VertexFields::Parts {
+    struct Entry {
+        VertexFieldReport report;
+        std::vector<std::unique_ptr<detail::Quantity>> quantities;
+        bool is_double = false;  ///< the values are
+    };
+
+    std::vector<Entry> fields;
+    mutable std::mutex mutex;  ///< protects the reports
+};
+
+namespace detail {
+namespace {
+
+using Entry = VertexFields::Parts::Entry;
+
+class FieldSink : public MeshSink {
+  public:
+    FieldSink(VertexFields::Parts& parts, MeshSink& inner) : parts_(parts), inner_(inner) {}
+    FieldSink(VertexFields::Parts& parts, std::unique_ptr<MeshSink> inner)
+        : parts_(parts), owned_(std::move(inner)), inner_(*owned_) {}
+
+    void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override {
+        std::vector<std::filesystem::path> all(inputs.begin(), inputs.end());
+        for (const Entry& field : parts_.fields) {
+            for (const auto& quantity : field.quantities) {
+                all.push_back(quantity->path());
+            }
+        }
+        inner_.prepare(with_fields(layout), all);
+    }
+    void begin(const MeshLayout& layout) override {
+        first_pass_ = true;
+        layout_ = with_fields(layout);
+        inner_.begin(layout_);
+    }
+    void add_vertices(const VertexBatch& batch) override {
+        const std::vector<std::byte> rows = rows_of(batch, first_pass_);
+        inner_.add_vertices({batch.first, batch.positions, rows, layout_.row_bytes});
+    }
+    void add_elements(const ElementBatch& batch) override {
+        const std::vector<std::byte> rows = rows_of(batch.nearby, false);
+        ElementBatch with = batch;
+        with.nearby = {batch.nearby.first, batch.nearby.positions, rows, layout_.row_bytes};
+        if (first_pass_) {
+            measure(with);
+        }
+        inner_.add_elements(with);
+    }
+    [[nodiscard]] bool again() override {
+        first_pass_ = false;
+        return inner_.again();
+    }
+    void end() override { inner_.end(); }
+    [[nodiscard]] bool holds_float64() const override { return inner_.holds_float64(); }
+
+  private:
+    [[nodiscard]] MeshLayout with_fields(MeshLayout layout) const;
+    [[nodiscard]] std::vector<std::byte> rows_of(const VertexBatch& batch, bool counts);
+    void fill(const Entry& field, const VertexAttribute& attribute, const VertexBatch& batch,
+              std::vector<std::byte>& rows, std::vector<char>& is_missing) const;
+    void measure(const ElementBatch& batch);
+
+    VertexFields::Parts& parts_;
+    std::unique_ptr<MeshSink> owned_;
+    MeshSink& inner_;
+    MeshLayout layout_;
+    bool first_pass_ = true;
+};
+
+MeshLayout FieldSink::with_fields(MeshLayout layout) const {
+    for (const Entry& field : parts_.fields) {
+        VertexAttribute attribute;
+        attribute.name = field.report.name;
+        attribute.components = field.report.components;
+        attribute.is_double = field.is_double && inner_.holds_float64();
+        attribute.offset = layout.row_bytes;
+        layout.row_bytes += attribute.bytes();
+        layout.attributes.push_back(std::move(attribute));
+    }
+    return layout;
+}
+
+/// The rows of the batch with the fields at their end. `counts`: adds to the missing vertices.
+std::vector<std::byte> FieldSink::rows_of(const VertexBatch& batch, bool counts) {
+    const std::size_t count = batch.positions.size();
+    std::vector<std::byte> rows(count * layout_.row_bytes);
+    for_parts(batch.row_bytes > 0 ? count : 0, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            std::memcpy(&rows[i * layout_.row_bytes], &batch.attributes[i * batch.row_bytes],
+                        batch.row_bytes);
+        }
+    });
+    const std::size_t first = layout_.attributes.size() - parts_.fields.size();
+    std::vector<char> is_missing(count);
+    for (std::size_t f = 0; f < parts_.fields.size(); ++f) {
+        Entry& field = parts_.fields[f];
+        std::fill(is_missing.begin(), is_missing.end(), '\0');
+        fill(field, layout_.attributes[first + f], batch, rows, is_missing);
+        if (counts) {
+            const std::lock_guard lock(parts_.mutex);
+            field.report.missing_vertices +=
+                static_cast<std::uint64_t>(std::count(is_missing.begin(), is_missing.end(), '\1'));
+        }
+    }
+    return rows;
+}
+
+void FieldSink::fill(const Entry& field, const VertexAttribute& attribute, const VertexBatch& batch,
+                     std::vector<std::byte>& rows, std::vector<char>& is_missing) const {
+    for (std::size_t c = 0; c < field.quantities.size(); ++c) {
+        Quantity& quantity = *field.quantities[c];
+        quantity.prefetch(batch.positions);
+        const Interpolation& interpolation = quantity.interpolation();
+        for_parts(batch.positions.size(), [&](std::size_t begin, std::size_t end) {
+            NodeSampler nodes = quantity.sampler();
+            for (std::size_t i = begin; i < end; ++i) {
+                const auto place = interpolation.place_of(in_double(batch.positions[i]));
+                const double value = place ? interpolation.value(nodes, *place)
+                                           : std::numeric_limits<double>::quiet_NaN();
+                if (std::isnan(value)) {
+                    is_missing[i] = '\1';
+                }
+                std::byte* const at = &rows[i * layout_.row_bytes + attribute.offset];
+                if (attribute.is_double) {
+                    std::memcpy(at + c * sizeof(double), &value, sizeof(value));
+                } else {
+                    const auto rounded = static_cast<float>(value);
+                    std::memcpy(at + c * sizeof(float), &rounded, sizeof(rounded));
+                }
+            }
+        });
+    }
+}
+
+/// Updates the bounds. `batch`: with the fields.
+void FieldSink::measure(const ElementBatch& batch) {
+    const std::size_t first = layout_.attributes.size() - parts_.fields.size();
+    for (std::size_t f = 0; f < parts_.fields.size(); ++f) {
+        Entry& field = parts_.fields[f];
+        const VertexAttribute& attribute = layout_.attributes[first + f];
+        for_parts(batch.nearby_corners.size(), [&](std::size_t begin, std::size_t end) {
+            double worst = 0;
+            std::vector<char> is_unknown(end - begin);
+            for (std::size_t c = 0; c < field.quantities.size(); ++c) {
+                Quantity& quantity = *field.quantities[c];
+                NodeSampler nodes = quantity.sampler();
+                LinearBound bound;
+                for (std::size_t i = begin; i < end; ++i) {
+                    std::array<Double3, 3> corners{};
+                    std::array<double, 3> values{};
+                    for (std::size_t k = 0; k < 3; ++k) {
+                        const std::uint32_t at = batch.nearby_corners[i][k];
+                        corners[k] = quantity.interpolation().steps_at(
+                            in_double(batch.nearby.positions[at]));
+                        values[k] = batch.nearby.number(at, attribute, static_cast<int>(c));
+                    }
+                    const bool is_known = std::none_of(values.begin(), values.end(),
+                                                       [](double v) { return std::isnan(v); });
+                    const double here =
+                        is_known ? bound.of(corners, values,
+                                            [&](const Double3& steps) {
+                                                const Interpolation& in = quantity.interpolation();
+                                                return in.value(nodes, in.place_in(steps));
+                                            })
+                                 : std::numeric_limits<double>::quiet_NaN();
+                    if (std::isnan(here)) {
+                        is_unknown[i - begin] = '\1';
+                    } else {
+                        worst = std::max(worst, here + quantity.tolerance());
+                    }
+                }
+            }
+            const std::lock_guard lock(parts_.mutex);
+            field.report.linear_bound = std::max(field.report.linear_bound, worst);
+            field.report.unbounded_elements +=
+                static_cast<std::uint64_t>(std::count(is_unknown.begin(), is_unknown.end(), '\1'));
+        });
+    }
+}
+
+std::string in_upper_case(std::string text) {
+    std::transform(text.begin(), text.end(), text.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
+    return text;
+}
+
+void require_name(const std::string& name) {
+    constexpr std::size_t kMaxLength = 64;
+    const auto is_letter = [](char c) {
+        return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_';
+    };
+    const bool valid = !name.empty() && name.size() <= kMaxLength && is_letter(name.front()) &&
+                       std::all_of(name.begin(), name.end(),
+                                   [&](char c) { return is_letter(c) || (c >= '0' && c <= '9'); });
+    if (!valid) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("'{}' cannot be the name of vertex values: it must have 1 to {} "
+                                "letters, digits and underscores, and not start with a digit",
+                                name, kMaxLength));
+    }
+    if (VertexFields::is_reserved(name)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("'{}' cannot be the name of vertex values: meshes use it for "
+                                "something else",
+                                name));
+    }
+}
+
+}  // namespace
+}  // namespace detail
+
+bool VertexFields::is_reserved(const std::string& name) {
+    static constexpr std::array kReserved{"NORMAL", "VALUE", "ERROR", "ISOVALUE", "X",
+                                          "Y",      "Z",     "NX",    "NY",       "NZ",
+                                          "RED",    "GREEN", "BLUE",  "ALPHA",    "FEATURE_ID_0"};
+    const std::string upper = detail::in_upper_case(name);
+    return std::any_of(kReserved.begin(), kReserved.end(),
+                       [&](const char* reserved) { return upper == reserved; });
+}
+
+VertexFields::VertexFields(std::vector<VertexField> fields, const ReadOptions& options)
+    : parts_(std::make_unique<Parts>()) {
+    std::vector<std::string> names;
+    std::uint64_t components = 0;
+    for (const VertexField& field : fields) {
+        detail::require_name(field.name);
+        names.push_back(detail::in_upper_case(field.name));
+        if (std::count(names.begin(), names.end(), names.back()) > 1) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("two vertex values are called {}", field.name));
+        }
+        if (field.components.size() != 1 && field.components.size() != 3) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("{}: vertex values have 1 or 3 components, not {}", field.name,
+                                    field.components.size()));
+        }
+        components += field.components.size();
+    }
+    const int threads = detail::Workers::count_of(options.threads);
+    for (VertexField& field : fields) {
+        Parts::Entry entry;
+        entry.report.name = std::move(field.name);
+        entry.report.components = static_cast<int>(field.components.size());
+        for (const Store* const store : field.components) {
+            detail::require_numbers(store->reader(), "a value at a vertex");
+            entry.quantities.push_back(
+                std::make_unique<detail::Quantity>(*store, options.memory / components, threads));
+            entry.is_double = entry.is_double || store->type() == ValueType::f64;
+        }
+        parts_->fields.push_back(std::move(entry));
+    }
+}
+
+VertexFields::~VertexFields() = default;
+
+std::unique_ptr<MeshSink> VertexFields::sink(MeshSink& inner) {
+    return std::make_unique<detail::FieldSink>(*parts_, inner);
+}
+
+std::unique_ptr<MeshSink> VertexFields::sink(std::unique_ptr<MeshSink> inner) {
+    return std::make_unique<detail::FieldSink>(*parts_, std::move(inner));
+}
+
+std::vector<VertexFieldReport> VertexFields::reports() const {
+    const std::lock_guard lock(parts_->mutex);
+    std::vector<VertexFieldReport> reports;
+    for (const Parts::Entry& field : parts_->fields) {
+        reports.push_back(field.report);
+    }
+    return reports;
+}
+
+}  // namespace isonest

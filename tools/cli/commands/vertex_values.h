@@ -1,0 +1,54 @@
+// The quantities that --vertex-values names, for the vertices of extracted meshes.
+#pragma once
+
+#include <list>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <isonest/vertex_fields.h>
+
+#include "store/ranks/communicator.h"
+#include "tools/cli/commands/input_store.h"
+#include "tools/cli/options/extract_options.h"
+#include "tools/cli/program.h"
+
+namespace isonest::detail::cli {
+
+/// NAME=SOURCE, or NAME=SOURCE,SOURCE,SOURCE for a vector.
+struct NamedValues {
+    std::string name;
+    std::vector<std::string> sources;  ///< stores or volumes; FILE:DATASET names a dataset
+};
+
+/// Nothing if the text is the location of a store, without a name. Throws Error{invalid_argument}
+/// unless there are one or three sources.
+std::optional<NamedValues> parse_named_values(const std::string& text);
+
+/// The stores of all named values, and the object that adds them to meshes.
+class VertexValues {
+  public:
+    /// Opens the stores, and makes temporary ones of volumes. A quarter of `a.options.memory` is
+    /// set aside. Sets `a.fields`, and `a.field_to_color` if there is a scalar. Collective on
+    /// ranks, where all sources must be stores. `progress` must outlive it. Throws what
+    /// open_store(), preprocess() and VertexFields throw.
+    VertexValues(const std::vector<NamedValues>& values, ExtractArguments& a,
+                 const RemoteArguments& remote, Communicator* ranks, Progress& progress);
+    VertexValues(const VertexValues&) = delete;
+    VertexValues& operator=(const VertexValues&) = delete;
+
+    /// After the extraction: adds "vertex_fields", and a line of text each.
+    void report(Result& result) const;
+
+  private:
+    struct Source {
+        InputArguments arguments;
+        InputStore input;
+    };
+    std::vector<NamedValues> values_;
+    std::list<Source> sources_;
+    std::unique_ptr<VertexFields> fields_;
+};
+
+}  // namespace isonest::detail::cli
