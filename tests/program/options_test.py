@@ -10,7 +10,6 @@ import json
 import os
 import pathlib
 import re
-import subprocess
 import sys
 import tempfile
 import unittest
@@ -151,7 +150,7 @@ def run(*arguments, stdin=None):
     command = [ISONEST, *map(str, arguments)]
     if stdin is not None:
         with open(stdin, "rb") as data:
-            return subprocess.run(command, stdin=data, capture_output=True, text=True)
+            return served.run(command, stdin=data, capture_output=True, text=True)
     return served.run(command, capture_output=True, text=True)
 
 
@@ -247,6 +246,8 @@ class Options(unittest.TestCase):
                 to = out / "o.vtp"
             if kind.startswith("store as"):
                 to = out / ("o.vtp" if kind == "store as lines" else "o.ply")
+            if to.suffix == ".png" and "--size" not in given:
+                base += ["--size", "320x240"]  # small pictures are made sooner
             if existing:
                 to.write_bytes(b"x")
             output = [] if OUTPUTS[command] == "" else ["--out" if command == "study" else "-o", to]
