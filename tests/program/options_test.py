@@ -10,13 +10,13 @@ import json
 import os
 import pathlib
 import re
-import subprocess
 import sys
 import tempfile
 import unittest
 
 HERE = pathlib.Path(__file__).resolve()
 sys.path.insert(0, str(HERE.parents[1] / "support"))
+import memory_folder  # noqa: E402
 import range_server  # noqa: E402
 import served  # noqa: E402
 
@@ -151,7 +151,7 @@ def run(*arguments, stdin=None):
     command = [ISONEST, *map(str, arguments)]
     if stdin is not None:
         with open(stdin, "rb") as data:
-            return subprocess.run(command, stdin=data, capture_output=True, text=True)
+            return served.run(command, stdin=data, capture_output=True, text=True)
     return served.run(command, capture_output=True, text=True)
 
 
@@ -183,7 +183,7 @@ def steady(value, out):
 class Options(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
+        folder = tempfile.TemporaryDirectory(prefix="isonest-test-", dir=memory_folder.FOLDER)
         cls.addClassCleanup(folder.cleanup)
         here = cls.here = pathlib.Path(folder.name)
         z, y, x = np.mgrid[0:14, 0:15, 0:17].astype("f4")
@@ -236,7 +236,7 @@ class Options(unittest.TestCase):
             if base[i] in given or (base[i] == "--iso" and given & {"--graph", "--label", "--labels"}) or \
                     (base[i] == "--label" and given & {"--labels", "--iso", "--graph"}):
                 del base[i:i + 2]
-        with tempfile.TemporaryDirectory(prefix="isonest-test-") as name:
+        with tempfile.TemporaryDirectory(prefix="isonest-test-", dir=memory_folder.FOLDER) as name:
             out = pathlib.Path(name)
             source = {"plane store": "plane.npy", "label store": "labels.npy"}.get(kind, "volume.nrrd")
             missing = "1" if "label" in kind else "37"
@@ -247,6 +247,8 @@ class Options(unittest.TestCase):
                 to = out / "o.vtp"
             if kind.startswith("store as"):
                 to = out / ("o.vtp" if kind == "store as lines" else "o.ply")
+            if to.suffix == ".png" and "--size" not in given:
+                base += ["--size", "320x240"]  # small pictures are made sooner
             if existing:
                 to.write_bytes(b"x")
             output = [] if OUTPUTS[command] == "" else ["--out" if command == "study" else "-o", to]

@@ -11,6 +11,7 @@ import tempfile
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import memory_folder  # noqa: E402
 import served  # noqa: E402
 
 import numpy as np
@@ -86,7 +87,7 @@ class Input(unittest.TestCase):
     path = None
 
     def setUp(self):
-        self.folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
+        self.folder = tempfile.TemporaryDirectory(prefix="isonest-test-", dir=memory_folder.FOLDER)
         self.addCleanup(self.folder.cleanup)
         self.here = pathlib.Path(self.folder.name)
 

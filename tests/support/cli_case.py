@@ -7,6 +7,7 @@ import sys
 import tempfile
 import unittest
 
+import memory_folder
 import served
 from sanitized import is_sanitized
 
@@ -36,7 +37,7 @@ def _text(argument):
 class CliCase(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="isonest-cli-")
+        cls.folder = tempfile.TemporaryDirectory(prefix="isonest-cli-", dir=memory_folder.FOLDER)
         cls.here = pathlib.Path(cls.folder.name)
         for arguments in (["make-volume", "bucky", "--size", "33", "-o", "b.h5"],
                           ["preprocess", "b.h5", "-o", "b.isonest", "--chunk", "16"],

@@ -65,13 +65,13 @@ def _served(command, files, cwd, env, timeout):
                 over.cancel()
 
 
-def run(command, *, cwd=None, env=None, capture_output=False, stdout=None, stderr=None, text=False, errors="strict",
-        timeout=None, check=False):
-    """Like subprocess.run(); stdout and stderr: as there, except STDOUT."""
+def run(command, *, cwd=None, env=None, stdin=None, capture_output=False, stdout=None, stderr=None, text=False,
+        errors="strict", timeout=None, check=False):
+    """Like subprocess.run(); stdin: an open file; stdout and stderr: as there, except STDOUT."""
     command = [os.fspath(word) for word in command]
     if not _library(command[0]).exists():
-        return subprocess.run(command, cwd=cwd, env=env, capture_output=capture_output, stdout=stdout, stderr=stderr,
-                              text=text, errors=errors if text else None, timeout=timeout, check=check)
+        return subprocess.run(command, cwd=cwd, env=env, stdin=stdin, capture_output=capture_output, stdout=stdout,
+                              stderr=stderr, text=text, errors=errors if text else None, timeout=timeout, check=check)
     if capture_output:
         stdout = stderr = subprocess.PIPE
     outputs, opened = [], []
@@ -83,7 +83,7 @@ def run(command, *, cwd=None, env=None, capture_output=False, stdout=None, stder
             outputs.append(opened[-1])
         else:
             outputs.append(to if isinstance(to, int) else to.fileno())
-    opened.append(os.open(os.devnull, os.O_RDONLY))
+    opened.append(os.dup(stdin.fileno()) if stdin else os.open(os.devnull, os.O_RDONLY))
     try:
         code = _served(command, [opened[-1], *outputs], cwd, dict(os.environ if env is None else env), timeout)
         if timeout and code == -signal.SIGKILL:

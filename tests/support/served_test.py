@@ -62,6 +62,15 @@ class Served(unittest.TestCase):
         text = self.both("-c", r"printf 'a\r\nb\377'", capture_output=True, text=True, errors="replace").stdout
         self.assertEqual(text, "a\nb\ufffd")
 
+    def test_input_comes_from_the_file_that_is_given(self):
+        with open(self.here / "in", "w+b") as file:
+            file.write(b"lines\nof input\n")
+            for start in (0, 6):
+                for run in (subprocess.run, served.run):
+                    file.seek(start)
+                    done = run([self.shell, "-c", "cat"], stdin=file, capture_output=True)
+                    self.assertEqual(done.stdout, b"lines\nof input\n"[start:])
+
     def test_ends_are_told(self):
         for script, code in (("exit 0", 0), ("exit 255", 255), ("kill -TERM $$", -15), ("kill -KILL $$", -9)):
             self.assertEqual(self.both("-c", script).returncode, code)

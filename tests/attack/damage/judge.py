@@ -24,6 +24,7 @@ HEAP = START + MEMORY * MIB + 64 * MIB
 LARGEST_FILE = 256 * MIB  # that the program may write
 SECONDS = 10      # of processor time
 WALL = 45         # after which waiting counts as a hang, on a busy machine
+FOREIGN_WALL = 10  # the same for libraries that may hang
 CODES = (2, 3, 4, 5, 6, 7)
 LIMITS = ("--memory", f"{MEMORY}M", "-q")
 
@@ -37,7 +38,7 @@ def can_run(program):
     return served._library(program).exists()
 
 
-def run(one, *arguments, heap=HEAP):
+def run(one, *arguments, heap=HEAP, wall=WALL):
     """Like Try.run(), with a program that is loaded once for all tries of a process."""
     limited = served._server(os.fspath(one.program), "")
     process = next(process for socket, process in served._servers.values() if socket is limited)
@@ -45,7 +46,7 @@ def run(one, *arguments, heap=HEAP):
         resource.prlimit(process.pid, what, (most, most))
     try:
         done = served.run([one.program, *arguments], cwd=one.folder, capture_output=True, text=True, errors="replace",
-                          timeout=WALL)
+                          timeout=wall)
     except served.subprocess.TimeoutExpired:
         return attack.Done("hang", "", "")
     return attack.Done("hang" if done.returncode == -signal.SIGXCPU else done.returncode, done.stdout, done.stderr)
@@ -158,7 +159,7 @@ def watched(one, output, arguments, names, foreign, more=0):
     """Runs the program: how it ended, and the Result if there is a finding or an error, else None. more: additional
     bytes of heap that it may take."""
     before = listing(one.folder, output)
-    done = run(one, *arguments, heap=HEAP + more)
+    done = run(one, *arguments, heap=HEAP + more, wall=FOREIGN_WALL if foreign else WALL)
     if done.code == "hang":
         return done, None
     after = listing(one.folder, output)
@@ -180,10 +181,10 @@ def preprocessed(one, case, foreign=False, straight=True):
              "/out: temporary space"]
     done, result = watched(one, output, command, names, foreign)
     if done.code == "hang":
-        # A good header of a huge volume is not damage: in that case a corner of it can be read quickly.
-        again = run(one, *command, "--crop", "0:2,0:2,0:2", *(() if straight else ("--force",)))
         if foreign:
             return attack.refused("library crashed: hang")
+        # A good header of a huge volume is not damage: in that case a corner of it can be read quickly.
+        again = run(one, *command, "--crop", "0:2,0:2,0:2", *(() if straight else ("--force",)))
         if again.code == 0 or again.code == 2 and "--crop" in again.err or again.code == 7 and "give at least --memory" in again.err:
             return attack.refused("a volume that takes longer than 10 s: a corner of it is read, or needs more memory")
         return attack.wrong(f"no end within {SECONDS} s; a corner of the volume: {again.code} {again.err}")
