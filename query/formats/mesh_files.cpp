@@ -537,7 +537,7 @@ void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem
     }
 }
 
-void MeshFile::begin(const MeshLayout& layout) {
+MeshLayout MeshFile::layout_in_file(const MeshLayout& layout) {
     MeshLayout written = layout;
     written.frame = frame_in_file(layout.frame, options_.space, path_);
     turned_ = sign_between(layout.frame, written.frame) < 0;
@@ -545,7 +545,18 @@ void MeshFile::begin(const MeshLayout& layout) {
         written.lo[axis] = 0 - layout.hi[axis];
         written.hi[axis] = 0 - layout.lo[axis];
     }
-    begin_file(written);
+    return written;
+}
+
+void MeshFile::begin(const MeshLayout& layout) {
+    begin_file(layout_in_file(layout));
+}
+
+void MeshFile::begin_all(std::vector<FileObject> objects) {
+    for (FileObject& object : objects) {
+        object.layout = layout_in_file(object.layout);
+    }
+    begin_objects(std::move(objects));
 }
 
 bool is_of_extraction(const VertexAttribute& attribute) {

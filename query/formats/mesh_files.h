@@ -21,6 +21,13 @@
 
 namespace isonest::detail {
 
+/// An object of a file that holds several.
+struct FileObject {
+    MeshLayout layout = {};  ///< with the frame and the box of the mesh in the file
+    std::string title = {};
+    std::optional<LabelColor> color = {};
+};
+
 /// Opens, publishes and discards the file; a format writes into file(), which exists from create()
 /// to end().
 class MeshFile : public MeshSink {
@@ -31,7 +38,23 @@ class MeshFile : public MeshSink {
     void begin(const MeshLayout& layout) final;
     void end() override;
 
+    /// In place of begin(), for formats of several objects: then, for each object in turn,
+    /// begin_object(), all batches in ascending order, vertices first, and end_object(). The
+    /// layouts are those of the meshes before any conversion of their frame.
+    void begin_all(std::vector<FileObject> objects);
+    virtual void begin_object(std::size_t object) { static_cast<void>(object); }
+    virtual void end_object() {}
+    /// Throws Error{limit} if the count (of "vertices", for example) is not below 2^bits.
+    void require_bits(unsigned bits, std::uint64_t count, const char* what,
+                      const char* format) const;
+
   protected:
+    /// Like begin_all(), with the frames and the boxes of the meshes in the file.
+    virtual void begin_objects(std::vector<FileObject> objects) { static_cast<void>(objects); }
+    /// The only object of a file with one mesh.
+    [[nodiscard]] std::vector<FileObject> single(const MeshLayout& layout) const {
+        return {{layout, options_.title, options_.color}};
+    }
     /// Like begin(), with the frame and the box of the mesh in the file.
     virtual void begin_file(const MeshLayout& layout) = 0;
     /// Whether positions and normals must be converted to the other frame for the file: x and y are
@@ -60,11 +83,11 @@ class MeshFile : public MeshSink {
     OutputFile& create(
         const std::function<void(const std::filesystem::path& temporary)>& prepare = {});
     [[nodiscard]] OutputFile& file() { return *file_; }
-    /// Throws Error{limit} if the count (of "vertices", for example) is not below 2^bits.
-    void require_bits(unsigned bits, std::uint64_t count, const char* what,
-                      const char* format) const;
 
   private:
+    /// The layout in the file. Sets turned_.
+    MeshLayout layout_in_file(const MeshLayout& layout);
+
     std::filesystem::path path_;
     MeshFileOptions options_;
     std::optional<OutputFile> file_;

@@ -181,30 +181,48 @@ class GlbFile : public SectionedFile {
     using SectionedFile::SectionedFile;
     [[nodiscard]] bool holds_float64() const override { return false; }
     void begin_file(const MeshLayout& layout) override {
-        require_bits(32, layout.vertices, "vertices", "glTF");
+        std::vector<FileObject> object = single(layout);
+        if (layout.elements == 0) {
+            object.clear();
+        }
+        begin_objects(std::move(object));
+        if (layout.elements > 0) {
+            begin_object(0);
+        } else {
+            use({}, layout);
+        }
+    }
+
+    void begin_objects(std::vector<FileObject> objects) override {
+        objects_ = std::move(objects);
+        placed_ = {};
         Arrays arrays;
-        Sections sections;
-        const std::string names = layout.elements > 0 ? add_arrays(layout, arrays, sections) : "";
+        std::string meshes;
+        std::string nodes;
+        std::string numbers;
+        std::string materials;
+        for (std::size_t i = 0; i < objects_.size(); ++i) {
+            const FileObject& object = objects_[i];
+            require_bits(32, object.layout.vertices, "vertices", "glTF");
+            Sections sections;
+            const std::string names = add_arrays(object.layout, arrays, sections);
+            const char* const comma = i > 0 ? "," : "";
+            numbers += fmt::format("{}{}", comma, i);
+            nodes += comma + node_of(object, i);
+            meshes += fmt::format(
+                R"({}{{"primitives":[{{"attributes":{{{}}},"indices":{},"material":{},"mode":4}}]}})",
+                comma, names, arrays.count - 1, i);
+            // Colours of vertices are multiplied by the material's.
+            materials += comma + material_of(object.title,
+                                             colors() ? LabelColor{255, 255, 255} : object.color);
+        }
         std::string json =
             R"({"asset":{"version":"2.0","generator":"isonest"},"scene":0,"scenes":[{)";
-        if (layout.elements > 0) {
+        if (!objects_.empty()) {
             json += fmt::format(
-                "\"nodes\":[0]}}],\"nodes\":[{{\"mesh\":0{}{}{}{}}}],\"meshes\":[{{\"primitives\":["
-                "{{"
-                "\"attributes\":{{{}}},\"indices\":{},\"material\":0,\"mode\":4}}]}}],"
-                "\"materials\":[{}],\"buffers\":[{{"
-                "\"byteLength\":{}}}],\"bufferViews\":[{}],\"accessors\":[{}]}}",
-                title().empty() ? "" : fmt::format(R"(,"name":{})", json_string(title())),
-                // A quarter turn about x takes z up to y.
-                is_y_up() ? R"(,"rotation":[-0.70710678118654752,0,0,0.70710678118654752])" : "",
-                scale_of(layout.unit),
-                layout.frame == AnatomicalFrame::unknown
-                    ? ""
-                    : fmt::format(R"(,"extras":{{"SPACE":"{}"}})", name_of(layout.frame)),
-                names, arrays.count - 1,
-                // Colours of vertices are multiplied by the material's.
-                material_of(title(), colors() ? LabelColor{255, 255, 255} : color()), arrays.end,
-                arrays.views, arrays.accessors);
+                R"("nodes":[{}]}}],"nodes":[{}],"meshes":[{}],"materials":[{}],"buffers":[{{)"
+                R"("byteLength":{}}}],"bufferViews":[{}],"accessors":[{}]}})",
+                numbers, nodes, meshes, materials, arrays.end, arrays.views, arrays.accessors);
         } else {
             // glTF does not allow an empty mesh. VTK rejects a scene without nodes and a file
             // without binary data.
@@ -212,8 +230,8 @@ class GlbFile : public SectionedFile {
             json += R"("nodes":[0]}],"nodes":[{"name":"empty"}],"buffers":[{"byteLength":4}]})";
         }
         json.resize(padded(json.size()), ' ');
-        const std::uint64_t head = 12 + 8 + json.size() + 8;
-        const std::uint64_t total = head + arrays.end;
+        head_ = 12 + 8 + json.size() + 8;
+        const std::uint64_t total = head_ + arrays.end;
         require_bits(32, total, "bytes of mesh", "glTF binary");
         const OutputFile& out = create();
         std::vector<std::uint32_t> words{0x46546C67, 2, static_cast<std::uint32_t>(total),
@@ -221,11 +239,20 @@ class GlbFile : public SectionedFile {
         out.write_at(0, std::as_bytes(std::span(words)));
         out.write_at(20, std::as_bytes(std::span(json)));
         words = {static_cast<std::uint32_t>(arrays.end), 0x004E4942};
-        if (layout.elements == 0) {
+        if (objects_.empty()) {
             words.push_back(0);
         }
         out.write_at(20 + json.size(), std::as_bytes(std::span(words)));
-        sections.shift(head);
+    }
+
+    /// Objects come in their order, so that their places follow from those before them.
+    void begin_object(std::size_t object) override {
+        const MeshLayout& layout = objects_[object].layout;
+        Sections sections;
+        add_arrays(layout, placed_, sections);
+        placed_.views.clear();
+        placed_.accessors.clear();
+        sections.shift(head_);
         use(std::move(sections), layout);
     }
 
@@ -234,6 +261,19 @@ class GlbFile : public SectionedFile {
     [[nodiscard]] bool holds_fields() const override { return true; }
 
   private:
+    /// The node of object number `mesh`.
+    [[nodiscard]] std::string node_of(const FileObject& object, std::size_t mesh) const {
+        return fmt::format(
+            R"({{"mesh":{}{}{}{}{}}})", mesh,
+            object.title.empty() ? "" : fmt::format(R"(,"name":{})", json_string(object.title)),
+            // A quarter turn about x takes z up to y.
+            is_y_up() ? R"(,"rotation":[-0.70710678118654752,0,0,0.70710678118654752])" : "",
+            scale_of(object.layout.unit),
+            object.layout.frame == AnatomicalFrame::unknown
+                ? ""
+                : fmt::format(R"(,"extras":{{"SPACE":"{}"}})", name_of(object.layout.frame)));
+    }
+
     /// The names of the attributes with the numbers of their accessors.
     std::string add_arrays(const MeshLayout& layout, Arrays& arrays, Sections& sections) const {
         constexpr int kFloat = 5126;
@@ -245,7 +285,7 @@ class GlbFile : public SectionedFile {
         const std::uint64_t nt = layout.elements;
         const auto& lo = layout.lo;
         const auto& hi = layout.hi;
-        std::string names = "\"POSITION\":0";
+        std::string names = fmt::format("\"POSITION\":{}", arrays.count);
         sections.vertices.push_back(position_section(
             arrays.add(nv * 12, nv, kFloat, "VEC3", kVertices,
                        fmt::format(",\"min\":[{:.9g},{:.9g},{:.9g}],\"max\":[{:.9g},{:.9g},{:.9g}]",
@@ -269,6 +309,10 @@ class GlbFile : public SectionedFile {
             indices32_section(arrays.add(nt * 12, nt * 3, kUint, "SCALAR", kIndices)));
         return names;
     }
+
+    std::vector<FileObject> objects_;
+    std::uint64_t head_ = 0;  ///< bytes before the arrays
+    Arrays placed_;           ///< those of the objects so far
 };
 
 }  // namespace

@@ -119,13 +119,11 @@ constexpr std::string_view kBehindUnit =
 constexpr std::string_view kResources = "<resources>\n";
 /// The type is "model", which is the default and means a solid, although it is unknown whether the
 /// mesh is closed: slicers repair an open "model", but omit other types or reject the file.
-constexpr std::string_view kObject = "<object id=\"1\"";
 constexpr std::string_view kVerticesStart = ">\n<mesh>\n<vertices>\n";
 constexpr std::string_view kTriangles = "</vertices>\n<triangles>\n";
-constexpr std::string_view kBuild =
-    "</triangles>\n</mesh>\n</object>\n</resources>\n"
-    "<build>\n<item objectid=\"1\"";
-constexpr std::string_view kBehindItem = "/>\n</build>\n</model>\n";
+constexpr std::string_view kBehindObject = "</triangles>\n</mesh>\n</object>\n";
+constexpr std::string_view kBuild = "</resources>\n<build>\n";
+constexpr std::string_view kBehindBuild = "</build>\n</model>\n";
 /// A mesh must have at least one triangle, so without triangles there is no object.
 constexpr std::string_view kNothing = "</resources>\n<build/>\n</model>\n";
 
@@ -160,18 +158,27 @@ ThreeMfUnit unit_in_3mf(std::optional<LengthUnit> unit) {
     });
 }
 
+/// The number of an object in the file; the next one is that of its material.
+std::size_t id_of(std::size_t object) {
+    return 2 * object + 1;
+}
+
 /// The start of the object, preceded by the material that defines its colour, if it has one.
-std::string object_of(const std::string& title, const std::optional<LabelColor>& color) {
+std::string object_of(std::size_t object, const std::string& title,
+                      const std::optional<LabelColor>& color) {
+    const std::size_t id = id_of(object);
     const std::string name = title.empty() ? "" : fmt::format(" name=\"{}\"", in_markup(title));
     std::string material;
     if (color) {
         material = fmt::format(
-            "<basematerials id=\"2\">\n<base name=\"{}\" "
+            "<basematerials id=\"{}\">\n<base name=\"{}\" "
             "displaycolor=\"#{:02X}{:02X}{:02X}\"/>\n</basematerials>\n",
-            title.empty() ? "surface" : in_markup(title), (*color)[0], (*color)[1], (*color)[2]);
+            id + 1, title.empty() ? "surface" : in_markup(title), (*color)[0], (*color)[1],
+            (*color)[2]);
     }
-    return fmt::format("{}{}{}{}{}", material, kObject, name,
-                       color ? " pid=\"2\" pindex=\"0\"" : "", kVerticesStart);
+    return fmt::format("{}<object id=\"{}\"{}{}{}", material, id, name,
+                       color ? fmt::format(" pid=\"{}\" pindex=\"0\"", id + 1) : "",
+                       kVerticesStart);
 }
 
 /// Number of vertices or triangles per piece: pieces start at multiples of it, so the bytes do not
@@ -252,31 +259,26 @@ class ThreeMfFile : public MeshFile {
   public:
     using MeshFile::MeshFile;
     void begin_file(const MeshLayout& layout) override {
-        constexpr int kBits = 31;
-        require_bits(kBits, layout.vertices, "vertices", "3MF");
-        require_bits(kBits, layout.elements, "triangles", "3MF");
-        ZipWriter& zip = zip_.emplace(create());
+        std::vector<FileObject> object = single(layout);
+        if (layout.elements == 0) {
+            object.clear();
+        }
+        begin_whole(layout.unit, layout.frame, std::move(object));
+        if (layout.elements > 0) {
+            begin_object(0);
+        }
+    }
+    void begin_objects(std::vector<FileObject> objects) override {
+        const MeshLayout first = objects.empty() ? MeshLayout{} : objects.front().layout;
+        begin_whole(first.unit, first.frame, std::move(objects));
+    }
+
+    void begin_object(std::size_t object) override {
+        const FileObject& now = objects_[object];
         vertices_.emplace(kVertex);
         triangles_.emplace(kTriangle);
-        left_ = layout.vertices;
-        has_triangles_ = layout.elements > 0;
-        transform_ = transform_of(layout.unit);
-        zip.begin_entry("[Content_Types].xml");
-        zip.add(kTypes);
-        zip.end_entry();
-        zip.begin_entry("_rels/.rels");
-        zip.add(kRelations);
-        zip.end_entry();
-        zip.begin_entry("3D/3dmodel.model");
-        zip.add(fmt::format("{}{}{}", kBeforeUnit, unit_in_3mf(layout.unit).name, kBehindUnit));
-        if (layout.frame != AnatomicalFrame::unknown) {
-            zip.add(fmt::format("<metadata name=\"Description\">{}</metadata>\n",
-                                space_text(layout.frame)));
-        }
-        zip.add(kResources);
-        if (has_triangles_) {
-            zip.add(object_of(title(), color()));
-        }
+        left_ = now.layout.vertices;
+        zip_->add(object_of(object, now.title, now.color));
     }
 
     void add_vertices(const VertexBatch& batch) override {
@@ -297,13 +299,25 @@ class ThreeMfFile : public MeshFile {
 
     void add_elements(const ElementBatch& batch) override { triangles_->add(batch.corners, *zip_); }
 
-    void end() override {
+    void end_object() override {
         triangles_->flush(*zip_);
-        if (has_triangles_) {
-            zip_->add(fmt::format("{}{}{}", kBuild, transform_, kBehindItem));
-        } else {
-            zip_->add(kNothing);
+        zip_->add(kBehindObject);
+        triangles_.reset();
+    }
+
+    void end() override {
+        std::string text;
+        if (triangles_) {
+            triangles_->flush(*zip_);
+            text = kBehindObject;
         }
+        text += objects_.empty() ? kNothing : kBuild;
+        for (std::size_t i = 0; i < objects_.size(); ++i) {
+            text += fmt::format("<item objectid=\"{}\"{}/>\n", id_of(i),
+                                transform_of(objects_[i].layout.unit));
+        }
+        text += objects_.empty() ? "" : kBehindBuild;
+        zip_->add(text);
         zip_->end_entry();
         zip_->finish();
         zip_.reset();
@@ -311,12 +325,37 @@ class ThreeMfFile : public MeshFile {
     }
 
   private:
+    /// The archive up to the first object.
+    void begin_whole(std::optional<LengthUnit> unit, AnatomicalFrame frame,
+                     std::vector<FileObject> objects) {
+        constexpr int kBits = 31;
+        for (const FileObject& object : objects) {
+            require_bits(kBits, object.layout.vertices, "vertices", "3MF");
+            require_bits(kBits, object.layout.elements, "triangles", "3MF");
+        }
+        objects_ = std::move(objects);
+        triangles_.reset();
+        ZipWriter& zip = zip_.emplace(create());
+        zip.begin_entry("[Content_Types].xml");
+        zip.add(kTypes);
+        zip.end_entry();
+        zip.begin_entry("_rels/.rels");
+        zip.add(kRelations);
+        zip.end_entry();
+        zip.begin_entry("3D/3dmodel.model");
+        zip.add(fmt::format("{}{}{}", kBeforeUnit, unit_in_3mf(unit).name, kBehindUnit));
+        if (frame != AnatomicalFrame::unknown) {
+            zip.add(
+                fmt::format("<metadata name=\"Description\">{}</metadata>\n", space_text(frame)));
+        }
+        zip.add(kResources);
+    }
+
+    std::vector<FileObject> objects_;
     std::optional<ZipWriter> zip_;
     std::optional<Rows<float>> vertices_;
-    std::optional<Rows<std::uint64_t>> triangles_;
-    std::uint64_t left_ = 0;  ///< number of vertices still to come
-    bool has_triangles_ = false;
-    std::string transform_;  ///< of the object; empty: none
+    std::optional<Rows<std::uint64_t>> triangles_;  ///< of the object that has begun
+    std::uint64_t left_ = 0;                        ///< number of vertices still to come
 };
 
 }  // namespace

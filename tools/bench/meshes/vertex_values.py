@@ -2,7 +2,7 @@
 """Values of another store at the vertices of a surface: the reported bound for linear values between vertices beside the
 largest difference that is found, and the time that the values take.
 
-usage: tools/bench/meshes/vertex_values.py BUILD FOLDER VOLUME:ISOVALUE...
+usage: tools/bench/meshes/vertex_values.py BUILD FOLDER "ISOVALUE VOLUME [OPTION...]"...
 
 The other store has every second node of VOLUME, and is trilinear between them. Differences are measured by NumPy at 28
 points of each of at most 200,000 triangles, so they are lower bounds. Seconds are the medians of five pairs of runs.
@@ -53,9 +53,9 @@ print("| volume, isovalue | surface | triangles | bound, % of the range | larges
 print("|---|---|---|---|---|---|---|")
 store, other, mesh = folder / "values_a.isonest", folder / "values_b.isonest", folder / "values.ply"
 for given in volumes:
-    volume, isovalue = given.rsplit(":", 1)
-    run("preprocess", volume, "-o", store, "--force")
-    run("preprocess", volume, "--every", "2", "-o", other, "--force")
+    isovalue, volume, *reading = given.split()
+    run("preprocess", volume, *reading, "-o", store, "--force")
+    run("preprocess", volume, *reading, "--every", "2", "-o", other, "--force")
     run("export", other, "-o", folder / "values.npy", "--force")
     values = np.load(folder / "values.npy").astype(float)
     info = run("info", other)

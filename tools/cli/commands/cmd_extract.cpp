@@ -185,22 +185,30 @@ Result run_isovalues(const Store& store, const ExtractCommand& arguments, const 
         return MeshOutput(a, a.file_options(), store.reader().layout().header(),
                           std::move(features));
     };
-    if (in_one) {
-        if (!makes_tiles(arguments.extract)) {
+    const bool tiles = makes_tiles(arguments.extract);
+    const bool objects = in_one && !tiles && makes_objects(mesh, std::string());
+    if (in_one && !objects) {
+        if (!tiles) {
             require_place_for_isovalue(mesh);
         }
-        MeshOutput output = output_of(arguments.extract, isovalue_features(arguments));
+        MeshOutput output = output_of(
+            arguments.extract, tiles ? isovalue_features(arguments) : std::vector<TileFeature>{});
         const std::unique_ptr<MeshSink> sink = output.sink();
         extract_joined(store, isovalues.all, query, *sink, done, options, progress);
         output.finish(furthest, progress, all);
         return all;
     }
     std::vector<MeshOutput> outputs;
-    for (const ExtractCommand& own : each) {
-        outputs.push_back(output_of(own.extract, {}));
+    if (objects) {
+        outputs.push_back(output_of(arguments.extract, isovalue_features(arguments)));
+    } else {
+        for (const ExtractCommand& own : each) {
+            outputs.push_back(output_of(own.extract, {}));
+        }
     }
     extract_isovalues(
-        store, isovalues.all, query, [&](std::size_t i) { return outputs[i].sink(); }, done,
+        store, isovalues.all, query,
+        [&](std::size_t i) { return objects ? outputs.front().sink(i) : outputs[i].sink(); }, done,
         options, progress);
     for (std::size_t i = 0; i < outputs.size(); ++i) {
         outputs[i].finish(reports[i], progress, all);
@@ -231,8 +239,10 @@ Result extract_store(const Store& store, ExtractCommand arguments, const Store* 
     }
     if (labels.several) {
         const LabelQuery query = arguments.label_query(arguments.surface_query(values), {});
-        return makes_tiles(a) ? extract_label_tiles(store, labels, a, query, progress)
-                              : extract_label_meshes(store, labels, a, query, progress);
+        const bool together =
+            makes_tiles(a) || makes_objects(a.mesh, labels.has_format ? labels.format : "");
+        return together ? extract_labels_together(store, labels, a, query, progress)
+                        : extract_label_meshes(store, labels, a, query, progress);
     }
     if (labels.smooth && !labels.one) {
         throw Error(ErrorKind::invalid_argument,
@@ -491,7 +501,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
                      "error is at most the one requested: a larger error gives fewer triangles and "
                      "reads less data, error 0 gives the full-resolution surface. The extension of "
                      "MESH selects the format. Several isovalues go into one file (.ply .vtp "
-                     ".vtkhdf), or, with {iso} in the name, into one file each. Data in "
+                     ".vtkhdf .glb .3mf), or, with {iso} in the name, into one file each. Data in "
                      "a plane give isolines (.vtp .obj) or their graph.",
                      "isonest extract scan.isonest --iso 120 -o full.ply\n"
                      "isonest extract scan.isonest --iso 120 --error 2% -o coarse.glb --normals\n"

@@ -311,7 +311,15 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     std::error_code error;
     if (fs::exists(folder, error) && !fs::is_directory(folder, error)) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
-                    "is not a folder; with --labels, give a folder for the meshes");
+                    "is not a folder; with --labels, give a folder for the meshes, or another "
+                    "name that ends with .glb or .3mf for all in one file");
+    }
+    if (const std::string end = lower_extension(folder);
+        !fs::exists(folder, error) && end.size() > 1 &&
+        std::find(kFormats.begin(), kFormats.end(), end.substr(1)) != kFormats.end()) {
+        throw Error(ErrorKind::invalid_argument, {a.mesh},
+                    "--labels needs a folder for the meshes, or a name that ends with .glb or .3mf "
+                    "for all in one file");
     }
     const bool is_turned = a.space != MeshSpace::automatic && a.space != MeshSpace::as_stored;
     if (makes_detail_levels(labels) && a.fields != nullptr) {
@@ -436,8 +444,9 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     return result;
 }
 
-Result extract_label_tiles(const Store& store, const LabelArguments& labels,
-                           const ExtractArguments& a, const LabelQuery& query, Progress& progress) {
+Result extract_labels_together(const Store& store, const LabelArguments& labels,
+                               const ExtractArguments& a, const LabelQuery& query,
+                               Progress& progress) {
     const std::vector<Label> chosen =
         chosen_of(find_labels(store, {a.options.memory, a.options.threads}, progress),
                   *labels.several, a.store);
@@ -474,7 +483,7 @@ Result extract_label_tiles(const Store& store, const LabelArguments& labels,
             furthest = reports[i];
         }
     }
-    result.json = {{"folder", a.mesh}, {"unit", unit_json(store.unit())}};
+    result.json = {{makes_tiles(a) ? "folder" : "mesh", a.mesh}, {"unit", unit_json(store.unit())}};
     add_space_json(store.frame(), a, a.mesh, result.json);
     result.json["labels"] = std::move(list);
     result.text = fmt::format("{}: {} labels, {} triangles\n{}", a.mesh, chosen.size(), triangles,

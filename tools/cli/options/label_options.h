@@ -57,9 +57,11 @@ void add_smooth_json(const SmoothReport& r, Json& json);
 Result extract_label_meshes(const Store& store, const LabelArguments& labels,
                             const ExtractArguments& a, const LabelQuery& query, Progress& progress);
 
-/// Writes the labels as features of one tileset. REQUIRES: labels.several, a.tiles.
-Result extract_label_tiles(const Store& store, const LabelArguments& labels,
-                           const ExtractArguments& a, const LabelQuery& query, Progress& progress);
+/// Writes the labels as features of one tileset, or as objects of one file. REQUIRES:
+/// labels.several; makes_tiles() or makes_objects().
+Result extract_labels_together(const Store& store, const LabelArguments& labels,
+                               const ExtractArguments& a, const LabelQuery& query,
+                               Progress& progress);
 
 /// Writes the interfaces of the labels as one mesh, a.mesh. REQUIRES: labels.several.
 Result extract_label_interfaces(const Store& store, const LabelArguments& labels,

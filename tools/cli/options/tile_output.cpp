@@ -3,11 +3,15 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <system_error>
 #include <utility>
 
 #include <isonest/error.h>
 
 #include "store/base/vectors.h"
+#include "store/files/output_file.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/terminal/interrupt.h"
 
@@ -82,11 +86,47 @@ Json json_of(const TilesetReport& r, const TilesetSource& source) {
             {"scratch_bytes", r.scratch_bytes}};
 }
 
+/// The colour of a value. REQUIRES: low < high.
+LabelColor color_of(const VertexColors& colors, double value) {
+    const double part = (value - colors.low) / (colors.high - colors.low);
+    const double last = static_cast<double>(colors.map.size() - 1);
+    return colors.map[static_cast<std::size_t>(std::lround(std::clamp(part, 0.0, 1.0) * last))];
+}
+
+/// Objects with the names and colours of the features. Colours by isovalue become theirs, in place
+/// of colours of vertices.
+std::vector<MeshObject> objects_of(const std::vector<TileFeature>& features,
+                                   MeshFileOptions& options) {
+    std::vector<MeshObject> objects;
+    const bool by_isovalue = options.colors && options.colors->attribute == "isovalue";
+    for (const TileFeature& feature : features) {
+        MeshObject object{feature.name, feature.color};
+        if (object.title.empty()) {
+            object.title = feature.label ? fmt::format("label {}", *feature.label)
+                                         : fmt::format("isovalue {}", *feature.isovalue);
+        }
+        if (by_isovalue) {
+            object.color = color_of(*options.colors, *feature.isovalue);
+        }
+        objects.push_back(std::move(object));
+    }
+    if (by_isovalue) {
+        options.colors.reset();
+    }
+    return objects;
+}
+
 }  // namespace
 
 void add_tile_options(CLI::App* command, ExtractArguments& a) {
     add_parsed(command, "--georeference",
                [&a](const std::string& text) { a.georeference = parse_georeference(text); });
+}
+
+bool makes_objects(const std::string& mesh, const std::string& format) {
+    std::error_code ignored;
+    return MeshCollection::is_supported(mesh) && !std::filesystem::is_directory(mesh, ignored) &&
+           (format.empty() || lower_extension(mesh) == "." + format);
 }
 
 std::string folder_name(std::string name) {
@@ -101,6 +141,12 @@ MeshOutput::MeshOutput(const ExtractArguments& a, const MeshFileOptions& file,
                        std::optional<std::array<double, 2>> heights)
     : mesh_(a.mesh), file_(file), fields_(a.fields), unit_(unit_suffix(header.unit)) {
     if (!makes_tiles(a)) {
+        if (!features.empty()) {
+            MeshFileOptions options = file;
+            std::vector<MeshObject> objects = objects_of(features, options);
+            collection_ = std::make_unique<MeshCollection>(mesh_, std::move(objects), options,
+                                                           options_of(a).scratch);
+        }
         return;
     }
     TilesetOptions options;
@@ -119,12 +165,16 @@ MeshOutput::MeshOutput(const ExtractArguments& a, const MeshFileOptions& file,
 }
 
 std::unique_ptr<MeshSink> MeshOutput::sink(std::size_t feature) {
-    std::unique_ptr<MeshSink> made =
-        tileset_ ? tileset_->sink(feature) : open_mesh_file(mesh_, file_);
+    std::unique_ptr<MeshSink> made = tileset_      ? tileset_->sink(feature)
+                                     : collection_ ? collection_->sink(feature)
+                                                   : open_mesh_file(mesh_, file_);
     return fields_ != nullptr ? fields_->sink(std::move(made)) : std::move(made);
 }
 
 void MeshOutput::finish(const ExtractReport& r, Progress& progress, Result& result) {
+    if (collection_) {
+        collection_->finish(progress);
+    }
     if (!tileset_) {
         return;
     }

@@ -1,4 +1,4 @@
-// Where extract writes surfaces: a mesh file, or a folder of 3D Tiles.
+// Where extract writes surfaces: a mesh file, a file of several objects, or a folder of 3D Tiles.
 #pragma once
 
 #include <memory>
@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <isonest/extract_report.h>
+#include <isonest/mesh_collection.h>
 #include <isonest/mesh_file.h>
 #include <isonest/tileset.h>
 
@@ -27,6 +28,10 @@ inline bool makes_tiles(const ExtractArguments& a) {
     return a.tiles;
 }
 
+/// Whether several labels or isovalues become objects of one file of this name. `format`: the value
+/// of --format, or empty.
+bool makes_objects(const std::string& mesh, const std::string& format);
+
 /// The name of a folder without slashes at its end, so that its parent folder is known.
 std::string folder_name(std::string name);
 
@@ -34,16 +39,17 @@ std::string folder_name(std::string name);
 class MeshOutput {
   public:
     /// `file`: for a mesh file; the title and the colours also for tiles. `header`: the volume's.
-    /// `features`: the surfaces of a tileset, if there are several. `heights`: of a graph, the
-    /// smallest and the largest. Throws as open_mesh_file() and Tileset.
+    /// `features`: the surfaces of a tileset or of a file of several objects. `heights`: of a
+    /// graph, the smallest and the largest. Throws as open_mesh_file(), MeshCollection and Tileset.
     MeshOutput(const ExtractArguments& a, const MeshFileOptions& file, const StoreHeader& header,
                std::vector<TileFeature> features = {},
                std::optional<std::array<double, 2>> heights = {});
 
-    /// The destination of the only mesh, or of that of a feature.
+    /// The destination of the only mesh, or of that of a feature. Thread-safe for features.
     std::unique_ptr<MeshSink> sink(std::size_t feature = 0);
-    /// After the extraction: writes the tiles, and adds what was written to the result. `r`: the
-    /// report on the mesh; if there are several, any of them with the largest distance.
+    /// After the extraction: writes the tiles or the objects, and adds what was written to the
+    /// result. `r`: the report on the mesh; if there are several, any of them with the largest
+    /// distance.
     void finish(const ExtractReport& r, Progress& progress, Result& result);
 
   private:
@@ -51,7 +57,8 @@ class MeshOutput {
     MeshFileOptions file_;
     VertexFields* fields_;  ///< null: none
     std::string unit_;
-    std::unique_ptr<Tileset> tileset_;  ///< null: a mesh file
+    std::unique_ptr<Tileset> tileset_;            ///< null: a file
+    std::unique_ptr<MeshCollection> collection_;  ///< null: of one mesh
 };
 
 }  // namespace isonest::detail::cli
