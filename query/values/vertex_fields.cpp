@@ -34,29 +34,19 @@ namespace {
 /// Vertices or elements of a task.
 constexpr std::size_t kAtOnce = 2048;
 
-/// Bytes that a thread holds while it reads single nodes.
-std::uint64_t heap_of_thread(const StoreLayout& layout) {
-    const std::uint64_t chunk = layout.array(0, Field::values).chunk_bytes();
-    return decode_heap(chunk) + 3 * chunk;
-}
-
 /// One scalar quantity of a store.
 class Quantity {
   public:
+    /// `memory`: of `threads` threads and the cache. REQUIRES: it is enough for the threads.
     Quantity(const Store& store, std::uint64_t memory, int threads)
         : store_(store.reader()),
           interpolation_(store_.layout(), {0, Cells::hexahedra}),
           tolerance_(store.rounding().tolerance),
-          cache_(store_, budget(store_, memory, threads)) {}
+          cache_(store_, memory - static_cast<std::uint64_t>(threads) * heap_beside_cache(store)) {}
 
-    /// Half of the memory is for the cache, at least the chunks that the threads hold.
-    static std::uint64_t budget(const StoreReader& store, std::uint64_t memory, int threads) {
-        const std::uint64_t held =
-            static_cast<std::uint64_t>(threads) * heap_of_thread(store.layout());
-        require_memory(store.path().string(), memory, held, "the values at the vertices");
-        return memory - held +
-               static_cast<std::uint64_t>(threads) *
-                   store.layout().array(0, Field::values).chunk_bytes();
+    /// Bytes that a thread needs, with a chunk in the cache.
+    static std::uint64_t heap_of_thread(const Store& store) {
+        return heap_beside_cache(store) + chunk_bytes(store);
     }
 
     [[nodiscard]] const Interpolation& interpolation() const { return interpolation_; }
@@ -68,6 +58,14 @@ class Quantity {
     void prefetch(std::span<const std::array<float, 3>> points);
 
   private:
+    static std::uint64_t chunk_bytes(const Store& store) {
+        return store.reader().layout().array(0, Field::values).chunk_bytes();
+    }
+    /// A thread decodes one chunk, and holds two others that are no longer in the cache.
+    static std::uint64_t heap_beside_cache(const Store& store) {
+        return decode_heap(chunk_bytes(store)) + 2 * chunk_bytes(store);
+    }
+
     const StoreReader& store_;
     Interpolation interpolation_;
     double tolerance_;
@@ -102,17 +100,6 @@ void Quantity::prefetch(std::span<const std::array<float, 3>> points) {
     }
 }
 
-/// Calls work(begin, end) for parts of [0, count) in parallel. Threads that wait do no other work
-/// of the arena, which might need a lock that the caller holds.
-template <class Work>
-void for_parts(std::size_t count, const Work& work) {
-    tbb::this_task_arena::isolate([&] {
-        tbb::parallel_for(
-            tbb::blocked_range<std::size_t>(0, count, kAtOnce),
-            [&](const tbb::blocked_range<std::size_t>& part) { work(part.begin(), part.end()); });
-    });
-}
-
 }  // namespace
 }  // namespace detail
 
@@ -123,6 +110,21 @@ struct VertexFields::Parts {
         bool is_double = false;  ///< the values are
     };
 
+    explicit Parts(int threads) : arena(threads) {}
+
+    /// Calls work(begin, end) for parts of [0, count) in parallel. Threads that wait do no work of
+    /// other arenas, which might need a lock that the caller holds.
+    template <class Work>
+    void for_parts(std::size_t count, const Work& work) {
+        arena.execute([&] {
+            tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, detail::kAtOnce),
+                              [&](const tbb::blocked_range<std::size_t>& part) {
+                                  work(part.begin(), part.end());
+                              });
+        });
+    }
+
+    tbb::task_arena arena;  ///< of the threads for which there is memory
     std::vector<Entry> fields;
     mutable std::mutex mutex;  ///< protects the reports
 };
@@ -203,7 +205,7 @@ MeshLayout FieldSink::with_fields(MeshLayout layout) const {
 std::vector<std::byte> FieldSink::rows_of(const VertexBatch& batch, bool counts) {
     const std::size_t count = batch.positions.size();
     std::vector<std::byte> rows(count * layout_.row_bytes);
-    for_parts(batch.row_bytes > 0 ? count : 0, [&](std::size_t begin, std::size_t end) {
+    parts_.for_parts(batch.row_bytes > 0 ? count : 0, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             std::memcpy(&rows[i * layout_.row_bytes], &batch.attributes[i * batch.row_bytes],
                         batch.row_bytes);
@@ -230,7 +232,7 @@ void FieldSink::fill(const Entry& field, const VertexAttribute& attribute, const
         Quantity& quantity = *field.quantities[c];
         quantity.prefetch(batch.positions);
         const Interpolation& interpolation = quantity.interpolation();
-        for_parts(batch.positions.size(), [&](std::size_t begin, std::size_t end) {
+        parts_.for_parts(batch.positions.size(), [&](std::size_t begin, std::size_t end) {
             NodeSampler nodes = quantity.sampler();
             for (std::size_t i = begin; i < end; ++i) {
                 const auto place = interpolation.place_of(in_double(batch.positions[i]));
@@ -257,7 +259,7 @@ void FieldSink::measure(const ElementBatch& batch) {
     for (std::size_t f = 0; f < parts_.fields.size(); ++f) {
         Entry& field = parts_.fields[f];
         const VertexAttribute& attribute = layout_.attributes[first + f];
-        for_parts(batch.nearby_corners.size(), [&](std::size_t begin, std::size_t end) {
+        parts_.for_parts(batch.nearby_corners.size(), [&](std::size_t begin, std::size_t end) {
             double worst = 0;
             std::vector<char> is_unknown(end - begin);
             for (std::size_t c = 0; c < field.quantities.size(); ++c) {
@@ -337,10 +339,9 @@ bool VertexFields::is_reserved(const std::string& name) {
                        [&](const char* reserved) { return upper == reserved; });
 }
 
-VertexFields::VertexFields(std::vector<VertexField> fields, const ReadOptions& options)
-    : parts_(std::make_unique<Parts>()) {
+VertexFields::VertexFields(std::vector<VertexField> fields, const ReadOptions& options) {
     std::vector<std::string> names;
-    std::uint64_t components = 0;
+    std::vector<const Store*> stores;
     for (const VertexField& field : fields) {
         detail::require_name(field.name);
         names.push_back(detail::in_upper_case(field.name));
@@ -353,17 +354,25 @@ VertexFields::VertexFields(std::vector<VertexField> fields, const ReadOptions& o
                         fmt::format("{}: vertex values have 1 or 3 components, not {}", field.name,
                                     field.components.size()));
         }
-        components += field.components.size();
+        stores.insert(stores.end(), field.components.begin(), field.components.end());
     }
-    const int threads = detail::Workers::count_of(options.threads);
+    int threads = detail::Workers::count_of(options.threads);
+    for (const Store* const store : stores) {
+        detail::require_numbers(store->reader(), "a value at a vertex");
+        const std::uint64_t each = detail::Quantity::heap_of_thread(*store);
+        detail::require_memory(store->path().string(), options.memory, stores.size() * each,
+                               "the values at the vertices");
+        threads = static_cast<int>(std::min<std::uint64_t>(options.memory / (stores.size() * each),
+                                                           static_cast<std::uint64_t>(threads)));
+    }
+    parts_ = std::make_unique<Parts>(threads);
     for (VertexField& field : fields) {
         Parts::Entry entry;
         entry.report.name = std::move(field.name);
         entry.report.components = static_cast<int>(field.components.size());
         for (const Store* const store : field.components) {
-            detail::require_numbers(store->reader(), "a value at a vertex");
-            entry.quantities.push_back(
-                std::make_unique<detail::Quantity>(*store, options.memory / components, threads));
+            entry.quantities.push_back(std::make_unique<detail::Quantity>(
+                *store, options.memory / stores.size(), threads));
             entry.is_double = entry.is_double || store->type() == ValueType::f64;
         }
         parts_->fields.push_back(std::move(entry));

@@ -444,7 +444,7 @@ Result run(ExtractCommand& arguments, bool has_iso, Communicator* ranks, Progres
     }
     const VertexValues named(arguments.named_values, arguments.extract, arguments.in.remote, ranks,
                              progress);
-    Result result = extract_input(arguments, has_iso, ranks, progress);
+    Result result = named.run([&] { return extract_input(arguments, has_iso, ranks, progress); });
     if (ranks == nullptr || ranks->rank() == 0) {
         named.report(result);
     }

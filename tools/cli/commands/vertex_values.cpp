@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <filesystem>
 #include <system_error>
 #include <utility>
@@ -109,9 +110,26 @@ VertexValues::VertexValues(const std::vector<NamedValues>& values, ExtractArgume
     }
     const std::uint64_t memory = a.options.memory / 4;
     a.options.memory -= memory;
-    fields_ =
-        std::make_unique<VertexFields>(std::move(fields), ReadOptions{memory, a.options.threads});
+    try {
+        fields_ = std::make_unique<VertexFields>(std::move(fields),
+                                                 ReadOptions{memory, a.options.threads});
+    } catch (const Error& error) {
+        throw with_memory(error, 4, 1);
+    }
     a.fields = fields_.get();
+}
+
+Error VertexValues::with_memory(const Error& error, std::uint64_t times, std::uint64_t over) {
+    std::vector<Remedy> remedies = error.remedies();
+    for (Remedy& remedy : remedies) {
+        std::uint64_t enough = 0;
+        const char* const end = remedy.value.data() + remedy.value.size();
+        if (remedy.kind == RemedyKind::more_memory &&
+            std::from_chars(remedy.value.data(), end, enough).ec == std::errc{}) {
+            remedy.value = std::to_string(enough / over * times + times);
+        }
+    }
+    return {error.kind(), error.place(), error.problem(), std::move(remedies)};
 }
 
 void VertexValues::report(Result& result) const {

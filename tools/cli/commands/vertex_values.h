@@ -1,12 +1,14 @@
 // The quantities that --vertex-values names, for the vertices of extracted meshes.
 #pragma once
 
+#include <cstdint>
 #include <list>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include <isonest/error.h>
 #include <isonest/vertex_fields.h>
 
 #include "store/ranks/communicator.h"
@@ -38,10 +40,23 @@ class VertexValues {
     VertexValues(const VertexValues&) = delete;
     VertexValues& operator=(const VertexValues&) = delete;
 
+    /// Calls run(). In errors that it throws, the minimum for --memory includes what is set aside.
+    template <class Run>
+    Result run(const Run& run) const {
+        try {
+            return run();
+        } catch (const Error& error) {
+            throw fields_ ? with_memory(error, 4, 3) : error;
+        }
+    }
+
     /// After the extraction: adds "vertex_fields", and a line of text each.
     void report(Result& result) const;
 
   private:
+    /// Multiplies the memory that the error's remedies ask for by times / over.
+    static Error with_memory(const Error& error, std::uint64_t times, std::uint64_t over);
+
     struct Source {
         InputArguments arguments;
         InputStore input;

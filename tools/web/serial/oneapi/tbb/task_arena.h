@@ -5,6 +5,8 @@ namespace tbb {
 
 class task_arena {
   public:
+    task_arena() = default;
+    explicit task_arena(int /*threads*/) {}
     void initialize(int /*threads*/) {}
     template <class Work>
     auto execute(const Work& work) {
