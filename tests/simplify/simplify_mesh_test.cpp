@@ -69,24 +69,6 @@ SimplifiedPatch require_within(const Patch& patch, double limit) {
     return s;
 }
 
-void fill(ScratchMesh& mesh, const Patch& patch) {
-    MeshLayout layout;
-    layout.vertices = patch.positions.size();
-    layout.elements = patch.triangles.size();
-    mesh.begin(layout);
-    VertexBatch vertices;
-    vertices.positions = patch.positions;
-    mesh.add_vertices(vertices);
-    std::vector<ElementCorners> corners;
-    for (const PatchTriangle& t : patch.triangles) {
-        corners.push_back({t[0], t[1], t[2]});
-    }
-    ElementBatch batch;
-    batch.corners = corners;
-    mesh.add_elements(batch);
-    mesh.end();
-}
-
 }  // namespace
 
 TEST_CASE("Patches stay within the limit and keep their topology") {

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "query/mesh/scratch_mesh.h"
 #include "query/simplify/patch.h"
 #include "query/simplify/proof/surface_distance.h"
 
@@ -94,6 +95,24 @@ inline void append(Patch& patch, const Patch& other, const std::array<float, 3>&
         patch.triangles.push_back({t[0] + first, t[1] + first, t[2] + first});
     }
     finish(patch);
+}
+
+inline void fill(ScratchMesh& mesh, const Patch& patch) {
+    MeshLayout layout;
+    layout.vertices = patch.positions.size();
+    layout.elements = patch.triangles.size();
+    mesh.begin(layout);
+    VertexBatch vertices;
+    vertices.positions = patch.positions;
+    mesh.add_vertices(vertices);
+    std::vector<ElementCorners> corners;
+    for (const PatchTriangle& t : patch.triangles) {
+        corners.push_back({t[0], t[1], t[2]});
+    }
+    ElementBatch batch;
+    batch.corners = corners;
+    mesh.add_elements(batch);
+    mesh.end();
 }
 
 struct Shape {

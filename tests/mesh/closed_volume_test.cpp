@@ -1,16 +1,14 @@
-// Closed surfaces: watertight, and their volume is that of the solid in all tetrahedra, each
+// Closed surfaces are watertight, and their volume is that of the solid in all tetrahedra, each
 // clipped separately, or that of the hexahedra's surface in a volume with an additional layer of
 // nodes.
 #include <catch2/catch.hpp>
 #include <cstdint>
 #include <functional>
-#include <map>
 #include <random>
-#include <set>
 
-#include <isonest/error.h>
-
+#include "query/simplify/proof/point_triangle.h"
 #include "query/traverse/each_leaf.h"
+#include "tests/mesh/closed_mesh.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -19,25 +17,12 @@ using namespace isonest::detail::test;
 
 namespace {
 
-constexpr Double3 kFar{1e9, 1e9, 1e9};
 constexpr int kRounds = 100;  // number of random volumes
+
 using Corners = std::array<Double3, 4>;
 
-double at(const Double3& p, const Double3& q, double t, std::size_t i) {
-    return p[i] + t * (q[i] - p[i]);
-}
-
 double volume_of(const Corners& v) {
-    std::array<Double3, 3> d;
-    for (std::size_t i = 0; i < 3; ++i) {
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-            d[i][axis] = v[i + 1][axis] - v[0][axis];
-        }
-    }
-    return std::fabs(d[0][0] * (d[1][1] * d[2][2] - d[1][2] * d[2][1]) -
-                     d[0][1] * (d[1][0] * d[2][2] - d[1][2] * d[2][0]) +
-                     d[0][2] * (d[1][0] * d[2][1] - d[1][1] * d[2][0])) /
-           6;
+    return std::fabs(dot(minus(v[1], v[0]), cross(minus(v[2], v[0]), minus(v[3], v[0])))) / 6;
 }
 
 /// Clips a tetrahedron, and what remains of it, at linear functions, keeping the part where each is
@@ -72,10 +57,7 @@ double volume_within(const Corners& v, std::vector<std::array<double, 4>> functi
     };
     const auto between = [&](std::size_t a, std::size_t b) {
         const double t = f[a] / (f[a] - f[b]);
-        Point point;
-        for (std::size_t i = 0; i < 3; ++i) {
-            point.p[i] = at(v[a], v[b], t, i);
-        }
+        Point point{along(v[a], t, minus(v[b], v[a])), {}};
         for (const auto& g : functions) {
             point.values.push_back(g[a] + t * (g[b] - g[a]));
         }
@@ -149,70 +131,7 @@ double solid_volume(const StoreReader& store, double iso, double error, const Cl
     return sum;
 }
 
-struct Closed {
-    Mesh mesh;
-    std::string bytes;
-    ExtractReport report;
-};
-
-struct Settings {
-    double error = 0;
-    std::optional<WorldBox> box;
-    Outside outside = Outside::below;
-    int threads = 2;
-    std::uint64_t memory = 1U << 30U;
-    bool normals = false;
-    Cells cells = Cells::tetrahedra;
-};
-
-Closed closed(const StoreReader& store, double iso, const Settings& with) {
-    const TemporaryFolder folder;
-    Extraction e;
-    e.iso = iso;
-    e.error = with.error;
-    e.box = with.box;
-    e.close = with.outside;
-    e.threads = with.threads;
-    e.memory = with.memory;
-    e.normals = with.normals;
-    e.cells = with.cells;
-    Closed r;
-    r.report = extract(store, folder / "m.ply", e, silent_progress());
-    r.bytes = read_file(folder / "m.ply");
-    r.mesh = read_mesh(folder / "m.ply");
-    CHECK(r.mesh.triangles.size() == r.report.triangles);
-    return r;
-}
-
-/// In world units; positive if the triangles face outward.
-double enclosed(const Mesh& mesh) {
-    double sum = 0;
-    for (const auto& t : mesh.triangles) {
-        std::array<Double3, 3> p;
-        for (std::size_t i = 0; i < 3; ++i) {
-            for (std::size_t axis = 0; axis < 3; ++axis) {
-                p[i][axis] = static_cast<double>(mesh.vertices[t[i]][axis]);
-            }
-        }
-        sum += p[0][0] * (p[1][1] * p[2][2] - p[1][2] * p[2][1]) -
-               p[0][1] * (p[1][0] * p[2][2] - p[1][2] * p[2][0]) +
-               p[0][2] * (p[1][0] * p[2][1] - p[1][1] * p[2][0]);
-    }
-    return sum / 6;
-}
-
-void require_watertight(const Mesh& mesh) {
-    const MeshFaults faults = check_mesh(mesh, {-1e9, -1e9, -1e9}, kFar);
-    CHECK(faults.unused_vertices == 0);
-    CHECK(faults.overused_edges == 0);
-    CHECK(faults.misoriented_edges == 0);
-    CHECK(faults.open_edges_inside == 0);
-    CHECK(faults.split_vertices == 0);
-    for (const auto& t : mesh.triangles) {
-        CHECK((t[0] != t[1] && t[1] != t[2] && t[2] != t[0]));
-    }
-}
-
+/// The part of a box of the world that is in the volume, or the volume, in lattice coordinates.
 ClipBox lattice_box(const StoreReader& store, const std::optional<WorldBox>& box) {
     ClipBox clip = volume_box(store.layout().lattice());
     for (std::size_t axis = 0; box && axis < 3; ++axis) {
@@ -294,23 +213,6 @@ double solid_volume_of_cells(const FunctionVolume<T>& volume, double iso, const 
     return enclosed(mesh);
 }
 
-template <class T>
-double trilinear_value(const FunctionVolume<T>& volume, const Double3& p) {
-    double sum = 0;
-    for (std::int64_t corner = 0; corner < 8; ++corner) {
-        double weight = 1;
-        Int3 node;
-        for (int axis = 0; axis < 3; ++axis) {
-            const double x = p[static_cast<std::size_t>(axis)];
-            const bool high = (corner >> axis & 1) != 0;
-            weight *= high ? x - std::floor(x) : 1 - (x - std::floor(x));
-            node[axis] = static_cast<std::int64_t>(std::floor(x)) + (high ? 1 : 0);
-        }
-        sum += weight * volume.at(node);
-    }
-    return sum;
-}
-
 /// Number of nodes at the isovalue with a vertex of their own: polygons there have other diagonals.
 template <class T>
 std::size_t hits_within(const FunctionVolume<T>& volume, double iso, const ClipBox& box) {
@@ -364,6 +266,7 @@ void require_solid_of_cells(const FunctionVolume<T>& volume, const StoreReader& 
     CHECK(sum == Approx(all).margin(1e-5 * surroundings + 1e-4 * cell * moved));
 }
 
+/// Checks the volume on one side of the isovalue in tetrahedra, also with an error.
 void require_solid(const StoreReader& store, double iso, const Settings& with) {
     const Closed r = closed(store, iso, with);
     require_watertight(r.mesh);
@@ -383,6 +286,7 @@ void require_solid(const StoreReader& store, double iso, const Settings& with) {
     CHECK(sign * enclosed(r.mesh) == Approx(expected).margin(1e-5 * all + moved));
 }
 
+/// None, and boxes whose faces pass through nodes, halfway between them, and anywhere.
 std::vector<std::optional<WorldBox>> boxes_in(const Int3& n, const Double3& spacing) {
     std::vector<std::optional<WorldBox>> boxes{std::nullopt};
     const auto part = [&](double from, double to, double round) {
@@ -403,9 +307,6 @@ std::vector<std::optional<WorldBox>> boxes_in(const Int3& n, const Double3& spac
     return boxes;
 }
 
-float smooth_f(const Int3& p) {
-    return static_cast<float>(smooth(p));
-}
 std::uint8_t few_levels(const Int3& p) {
     return static_cast<std::uint8_t>(4 * noise(p));
 }
@@ -509,54 +410,6 @@ TEST_CASE("the closed surface of a constant volume is the box or empty") {
     }
 }
 
-TEST_CASE("caps are in the faces and face outward") {
-    FunctionVolume<float> volume({17, 18, 17}, smooth_f);
-    const TemporaryFolder folder;
-    make_store(volume, folder / "s", with_chunk(8));
-    const StoreReader store(folder / "s");
-    const WorldBox box{{2, 3.25, 1.5}, {12.75, 14, 40}};
-    const Double3 hi{12.75, 14, 16};
-    for (const auto& [error, cells] :
-         {std::pair{0.0, Cells::tetrahedra}, {0.2, Cells::tetrahedra}, {0.0, Cells::hexahedra}}) {
-        for (const Outside outside : {Outside::below, Outside::above}) {
-            Settings with{error, box, outside};
-            with.cells = cells;
-            const Mesh mesh = closed(store, 0.1, with).mesh;
-            std::array<int, 6> caps{};
-            for (const auto& t : mesh.triangles) {
-                std::array<Double3, 3> p;
-                for (std::size_t i = 0; i < 3; ++i) {
-                    for (std::size_t a = 0; a < 3; ++a) {
-                        p[i][a] = static_cast<double>(mesh.vertices[t[i]][a]);
-                        CHECK((p[i][a] >= box.lo[a] && p[i][a] <= hi[a]));
-                    }
-                }
-                for (std::size_t a = 0; a < 3; ++a) {
-                    const auto in_plane = [&](double x) {
-                        return p[0][a] == x && p[1][a] == x && p[2][a] == x;
-                    };
-                    const std::size_t b = (a + 1) % 3;
-                    const std::size_t c = (a + 2) % 3;
-                    const double n = (p[1][b] - p[0][b]) * (p[2][c] - p[0][c]) -
-                                     (p[1][c] - p[0][c]) * (p[2][b] - p[0][b]);
-                    const double out = outside == Outside::below ? n : -n;
-                    if (in_plane(box.lo[a])) {
-                        ++caps[2 * a];
-                        CHECK(out <= 0);
-                    } else if (in_plane(hi[a])) {
-                        ++caps[2 * a + 1];
-                        CHECK(out >= 0);
-                    }
-                }
-            }
-            for (const int count : caps) {
-                CAPTURE(caps, error, static_cast<int>(outside));
-                CHECK(count > 0);
-            }
-        }
-    }
-}
-
 TEST_CASE("surfaces are closed for random volumes, isovalues, tolerances and boxes") {
     std::mt19937_64 random(20);
     const auto below = [&](std::int64_t n) {
@@ -612,212 +465,5 @@ TEST_CASE("surfaces are closed for random volumes, isovalues, tolerances and box
                 require_solid_of_cells(volume, store, iso, with.box);
             }
         }
-    }
-}
-
-TEST_CASE("a closed mesh does not depend on chunks, threads and memory") {
-    const auto all_levels = [](const Int3& p) {
-        return static_cast<std::uint8_t>(40 + 9 * smooth(p) + 3 * noise(p));
-    };
-    FunctionVolume<std::uint8_t> volume({40, 37, 45}, all_levels);
-    const WorldBox box{{0.5, 3, 7.25}, {33.5, 36, 41}};
-    for (const auto& [error, cells] :
-         {std::pair{0.0, Cells::tetrahedra}, {3.0, Cells::tetrahedra}, {0.0, Cells::hexahedra}}) {
-        for (const double iso : {40.0, 43.5}) {
-            std::string first;
-            for (const int chunk : {8, 16, 64}) {
-                const TemporaryFolder folder;
-                make_store(volume, folder / "s", with_chunk(chunk));
-                const StoreReader store(folder / "s");
-                for (const int threads : {1, 2, 7}) {
-                    for (const std::uint64_t memory : {64U << 20U, 1U << 30U}) {
-                        const Closed r = closed(
-                            store, iso, {error, box, Outside::below, threads, memory, true, cells});
-                        if (first.empty()) {
-                            require_watertight(r.mesh);
-                            first = r.bytes;
-                        }
-                        CAPTURE(error, iso, chunk, threads, memory);
-                        CHECK(r.bytes == first);
-                    }
-                }
-            }
-        }
-    }
-}
-
-TEST_CASE("a closed surface is open only at missing values, and the report says so") {
-    const auto f = [](const Int3& p) {
-        const bool missing = p == Int3{7, 6, 5} || p == Int3{0, 3, 3};
-        return missing ? std::numeric_limits<float>::quiet_NaN() : smooth_f(p);
-    };
-    FunctionVolume<float> volume({14, 12, 11}, f);
-    const TemporaryFolder folder;
-    make_store(volume, folder / "s", with_chunk(8));
-    const Store store(folder / "s");
-    for (const auto& [error, cells] :
-         {std::pair{0.0, Cells::tetrahedra}, {0.3, Cells::tetrahedra}, {0.0, Cells::hexahedra}}) {
-        for (const bool components : {false, true}) {
-            SurfaceQuery query{.iso = -0.1};
-            query.grid.cells = cells;
-            query.stop = ErrorBound{error};
-            query.stages.close = Outside::below;
-            if (components) {
-                query.stages.components.emplace();
-            }
-            MeshCollector mesh;
-            const ExtractReport report = extract(store, query, mesh);
-            REQUIRE(report.closing);
-            CHECK(report.closing->outside == Outside::below);
-            std::map<std::pair<std::uint32_t, std::uint32_t>, int> edges;
-            for (const auto& t : mesh.triangles) {
-                for (std::size_t i = 0; i < 3; ++i) {
-                    ++edges[{t[i], t[(i + 1) % 3]}];
-                }
-            }
-            std::set<std::uint32_t> border;
-            for (const auto& [edge, count] : edges) {
-                CHECK(count == 1);
-                if (edges.count({edge.second, edge.first}) == 0) {
-                    for (const std::uint32_t v : {edge.first, edge.second}) {
-                        border.insert(v);
-                        // Not farther from a missing node than the surrounding cells.
-                        const auto near = [&](const Int3& p) {
-                            bool all = true;
-                            for (std::size_t axis = 0; axis < 3; ++axis) {
-                                const auto x = static_cast<double>(mesh.vertices[v][axis]);
-                                const auto at = static_cast<double>(p[static_cast<int>(axis)]);
-                                all = all && std::fabs(x - at) <= 1;
-                            }
-                            return all;
-                        };
-                        CHECK((near({7, 6, 5}) || near({0, 3, 3})));
-                    }
-                }
-            }
-            CHECK(!border.empty());
-            CHECK(report.closing->border_vertices == border.size());
-        }
-    }
-}
-
-TEST_CASE("what cannot be closed is refused") {
-    const TemporaryFolder folder;
-    FunctionVolume<float> flat({9, 8, 1}, smooth_f);
-    make_store(flat, folder / "flat", with_chunk(8));
-    FunctionVolume<float> volume({9, 8, 7}, smooth_f);
-    PreprocessOptions options = with_chunk(8);
-    options.fields = {Field::deviation_bar, Field::normal_turn_plus};
-    make_store(volume, folder / "s", options);
-    MeshCollector mesh;
-    SurfaceQuery query{.iso = 0};
-    query.stages.close = Outside::above;
-    CHECK_THROWS_AS(extract(Store(folder / "flat"), query, mesh), Error);
-    CHECK_NOTHROW(extract(Store(folder / "s"), query, mesh));
-    query.grid.culling = BackfaceCulling{{0, 0, 1}};
-    CHECK_THROWS_AS(extract(Store(folder / "s"), query, mesh), Error);
-}
-
-namespace {
-
-Mesh mesh_of(const MeshCollector& collected) {
-    Mesh mesh;
-    mesh.vertices = collected.vertices;
-    mesh.triangles = collected.triangles;
-    return mesh;
-}
-
-}  // namespace
-
-TEST_CASE("vertices of caps have the function's value and the direction of its gradient") {
-    const Cells cells = GENERATE(Cells::tetrahedra, Cells::hexahedra);
-    FunctionVolume<float> volume({14, 17, 12}, smooth_f);
-    const TemporaryFolder folder;
-    make_store(volume, folder / "s", with_chunk(8));
-    const Store store(folder / "s");
-    SurfaceQuery query{.iso = 0.1};
-    query.stages.close = Outside::below;
-    query.grid.cells = cells;
-    query.attributes.normals = true;
-    query.attributes.values = &store;
-    query.box = WorldBox{{1, 2.25, 3.5}, {9.75, 12.5, 20}};
-    MeshCollector mesh;
-    extract(store, query, mesh);
-    REQUIRE(!mesh.vertices.empty());
-    std::size_t above = 0;
-    for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
-        Double3 p{};
-        std::copy(mesh.vertices[v].begin(), mesh.vertices[v].end(), p.begin());
-        const double expected =
-            cells == Cells::hexahedra ? trilinear_value(volume, p) : fine_value(volume, p);
-        CHECK(mesh.values[v] == Approx(expected).margin(1e-5));
-        CHECK(mesh.values[v] > 0.1 - 1e-5);
-        above += mesh.values[v] > 0.1 + 1e-5 ? 1 : 0;
-        const auto& n = mesh.normals[v];
-        CHECK(std::hypot(n[0], n[1], n[2]) == Approx(1).margin(1e-5));
-        // A node within the box: central differences.
-        const Int3 node{std::llround(p[0]), std::llround(p[1]), std::llround(p[2])};
-        const Double3 at{static_cast<double>(node.x), static_cast<double>(node.y),
-                         static_cast<double>(node.z)};
-        if (p == at && node.z < 11) {
-            Double3 g{};
-            for (int axis = 0; axis < 3; ++axis) {
-                Int3 next = node;
-                Int3 before = node;
-                ++next[axis];
-                --before[axis];
-                g[static_cast<std::size_t>(axis)] = volume.at(before) - volume.at(next);
-            }
-            const double size = std::hypot(g[0], g[1], g[2]);
-            for (std::size_t axis = 0; axis < 3; ++axis) {
-                CHECK(static_cast<double>(n[axis]) == Approx(g[axis] / size).margin(1e-4));
-            }
-        }
-    }
-    CHECK(above > 100);
-}
-
-TEST_CASE(
-    "a closed surface stays closed within a distance, with a focus or camera, and without its "
-    "small components") {
-    const auto f = [](const Int3& p) {
-        const bool speck = p.x % 6 == 5 && p.y % 6 == 5 && p.z % 6 == 5;
-        return speck ? 1.0F : smooth_f(p);
-    };
-    const Cells cells = GENERATE(Cells::tetrahedra, Cells::hexahedra);
-    FunctionVolume<float> volume({24, 21, 26}, f);
-    const TemporaryFolder folder;
-    make_store(volume, folder / "s", with_chunk(8));
-    const Store store(folder / "s");
-    SurfaceQuery query{.iso = 0.1};
-    query.stages.close = Outside::below;
-    query.grid.cells = cells;
-    query.box = WorldBox{{1, 2.25, 3.5}, {19.75, 20, 30}};
-    MeshCollector full;
-    extract(store, query, full);
-    const double solid = enclosed(mesh_of(full));
-    require_watertight(mesh_of(full));
-    std::vector<SurfaceQuery> queries(4, query);
-    queries[0].stop = DistanceBound{0.2};
-    queries[1].stages.components.emplace().largest = 1;
-    queries[2].stop = ErrorBound{0.01};
-    queries[2].focus = Focus{{4, 4, 4}, {6, 6, 6}, 0.5};
-    queries[3].camera = Camera{{-5, 3, 40}, 40, 64, 16};
-    if (cells == Cells::hexahedra) {
-        // With an error, hexahedral cells have no caps, and they do not support focus or camera.
-        queries.resize(2);
-    }
-    queries.emplace_back(query).stop = DistanceBound{0.2};
-    queries.back().effort = Effort::fast;
-    queries.emplace_back(query).stop = TriangleBudgetByDistance{full.triangles.size() / 3};
-    for (const SurfaceQuery& q : queries) {
-        CAPTURE(&q - queries.data());
-        MeshCollector mesh;
-        const ExtractReport report = extract(store, q, mesh);
-        REQUIRE(report.closing);
-        CHECK(report.closing->outside == Outside::below);
-        CHECK(mesh.triangles.size() < full.triangles.size());
-        require_watertight(mesh_of(mesh));
-        CHECK(enclosed(mesh_of(mesh)) == Approx(solid).epsilon(0.2));
     }
 }
