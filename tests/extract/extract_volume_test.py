@@ -44,7 +44,7 @@ def triangles(path):
 
 class Case(unittest.TestCase):
     def setUp(self):
-        temporary = tempfile.TemporaryDirectory(prefix="isonest-volume-")
+        temporary = tempfile.TemporaryDirectory(prefix="isonest-volume-", dir=served.MEMORY)
         self.addCleanup(temporary.cleanup)
         self.here = pathlib.Path(temporary.name)
         self.mesh = self.here / "m.ply"

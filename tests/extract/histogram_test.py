@@ -104,7 +104,7 @@ def volume(shape, dtype, kind):
 class Histogram(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        temporary = tempfile.TemporaryDirectory(prefix="isonest-histogram-")
+        temporary = tempfile.TemporaryDirectory(prefix="isonest-histogram-", dir=served.MEMORY)
         cls.addClassCleanup(temporary.cleanup)
         cls.here = pathlib.Path(temporary.name)
         cls.ball = cls.store("ball", volume((25, 31, 40), "uint8", "wide"))

@@ -122,7 +122,7 @@ def volumes():
 
 class Interfaces(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
+        folder = tempfile.TemporaryDirectory(prefix="isonest-test-", dir=served.MEMORY)
         self.addCleanup(folder.cleanup)
         self.here = pathlib.Path(folder.name)
 

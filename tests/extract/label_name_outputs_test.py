@@ -43,7 +43,7 @@ def linear(shown):
 class LabelNameOutputs(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
+        cls.folder = tempfile.TemporaryDirectory(prefix="isonest-test-", dir=served.MEMORY)
         cls.here = pathlib.Path(cls.folder.name)
         z, y, x = np.mgrid[0:12, 0:12, 0:16]
         data = (x // 4 + 4 * (y // 6)).astype("u1")  # 0 to 7

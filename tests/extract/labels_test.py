@@ -41,7 +41,7 @@ def cells(shape, count, ids, background=True):
 
 class Labels(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
+        folder = tempfile.TemporaryDirectory(prefix="isonest-test-", dir=served.MEMORY)
         self.addCleanup(folder.cleanup)
         self.here = pathlib.Path(folder.name)
 

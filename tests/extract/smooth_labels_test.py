@@ -180,7 +180,7 @@ class LabelMeshes(unittest.TestCase):
     """Writes stores and reads meshes, in a folder that is removed after the test."""
 
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
+        folder = tempfile.TemporaryDirectory(prefix="isonest-test-", dir=served.MEMORY)
         self.addCleanup(folder.cleanup)
         self.here = pathlib.Path(folder.name)
 

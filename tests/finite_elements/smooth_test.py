@@ -42,7 +42,7 @@ def masses(n):
     return cells * numpy.where((odd == 0) | (odd == 3), 6, 2) / 24
 
 
-with tempfile.TemporaryDirectory(prefix="isonest-smooth-") as name:
+with tempfile.TemporaryDirectory(prefix="isonest-smooth-", dir=served.MEMORY) as name:
     folder = pathlib.Path(name)
     os.chdir(folder)
     rng = numpy.random.default_rng(3)

@@ -99,7 +99,7 @@ def plateaus():
     return v
 
 
-with tempfile.TemporaryDirectory() as name:
+with tempfile.TemporaryDirectory(dir=served.MEMORY) as name:
     folder = pathlib.Path(name)
     count = 0
 

@@ -68,7 +68,7 @@ class Mesh:
 class MeasuresTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
+        cls.folder = tempfile.TemporaryDirectory(prefix="isonest-test-", dir=served.MEMORY)
         cls.here = pathlib.Path(cls.folder.name)
         z, y, x = np.mgrid[:21, :18, :23].astype("f8")
         distance = np.sqrt((x - MIDDLE[0]) ** 2 + (y - MIDDLE[1]) ** 2 + (z - MIDDLE[2]) ** 2)

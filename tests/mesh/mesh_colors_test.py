@@ -39,7 +39,7 @@ def displayed(linear):
 class ColorsTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.temporary = tempfile.TemporaryDirectory()
+        cls.temporary = tempfile.TemporaryDirectory(dir=served.MEMORY)
         cls.folder = pathlib.Path(cls.temporary.name)
         z, y, x = np.meshgrid(*map(np.arange, SIZE), indexing="ij")
         ball = np.sqrt((x - 12.3)**2 + (y - 10.1)**2 + (z - 8.2)**2).astype("f4")

@@ -100,7 +100,7 @@ def three_mf(path):
             np.array([[int(t.get(a)) for a in ("v1", "v2", "v3")] for t in triangles]))
 
 
-with tempfile.TemporaryDirectory() as name:
+with tempfile.TemporaryDirectory(dir=served.MEMORY) as name:
     folder = pathlib.Path(name)
     store = folder / "s"
     run("make-volume", "bucky", "--size", 33, "-o", folder / "v.h5")

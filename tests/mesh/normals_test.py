@@ -88,7 +88,7 @@ def of_triangles(points, triangles):
 class Normals(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.temporary = tempfile.TemporaryDirectory()
+        cls.temporary = tempfile.TemporaryDirectory(dir=served.MEMORY)
         cls.here = pathlib.Path(cls.temporary.name)
         cls.glbs = []
 

@@ -16,7 +16,6 @@ import unittest
 
 HERE = pathlib.Path(__file__).resolve()
 sys.path.insert(0, str(HERE.parents[1] / "support"))
-import memory_folder  # noqa: E402
 import range_server  # noqa: E402
 import served  # noqa: E402
 
@@ -183,7 +182,7 @@ def steady(value, out):
 class Options(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory(prefix="isonest-test-", dir=memory_folder.FOLDER)
+        folder = tempfile.TemporaryDirectory(prefix="isonest-test-", dir=served.MEMORY)
         cls.addClassCleanup(folder.cleanup)
         here = cls.here = pathlib.Path(folder.name)
         z, y, x = np.mgrid[0:14, 0:15, 0:17].astype("f4")
@@ -236,7 +235,7 @@ class Options(unittest.TestCase):
             if base[i] in given or (base[i] == "--iso" and given & {"--graph", "--label", "--labels"}) or \
                     (base[i] == "--label" and given & {"--labels", "--iso", "--graph"}):
                 del base[i:i + 2]
-        with tempfile.TemporaryDirectory(prefix="isonest-test-", dir=memory_folder.FOLDER) as name:
+        with tempfile.TemporaryDirectory(prefix="isonest-test-", dir=served.MEMORY) as name:
             out = pathlib.Path(name)
             source = {"plane store": "plane.npy", "label store": "labels.npy"}.get(kind, "volume.nrrd")
             missing = "1" if "label" in kind else "37"

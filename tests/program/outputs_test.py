@@ -19,7 +19,6 @@ import time
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
-import memory_folder  # noqa: E402
 import served  # noqa: E402
 from sanitized import is_sanitized  # noqa: E402
 
@@ -81,7 +80,7 @@ def cases(here, big=False):
 class Outputs(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        temporary = tempfile.TemporaryDirectory(prefix="isonest-outputs-", dir=memory_folder.FOLDER)
+        temporary = tempfile.TemporaryDirectory(prefix="isonest-outputs-", dir=served.MEMORY)
         cls.addClassCleanup(temporary.cleanup)
         cls.here = pathlib.Path(temporary.name)
         for command in (["make-volume", "bucky", "--size", "17", "-o", "v.h5"],

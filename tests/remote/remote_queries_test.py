@@ -19,7 +19,7 @@ import served  # noqa: E402
 from support.range_server import RangeServer  # noqa: E402
 
 ISONEST = pathlib.Path(sys.argv[1]).resolve()
-FOLDER = pathlib.Path(tempfile.mkdtemp(prefix="isonest-remote-"))
+FOLDER = pathlib.Path(tempfile.mkdtemp(prefix="isonest-remote-", dir=served.MEMORY))
 GOLDEN = pathlib.Path(__file__).parents[1] / "store" / "golden"
 ENVIRONMENT = {name: value for name, value in os.environ.items()
                if not name.startswith(("AWS_", "SSL_CERT", "CURL_")) and not name.lower().endswith("_proxy")}

@@ -30,7 +30,7 @@ except ImportError as error:
     sys.exit(77)
 
 ISONEST = pathlib.Path(sys.argv[1]).resolve()
-FOLDER = pathlib.Path(tempfile.mkdtemp(prefix="isonest-remote-zarr-"))
+FOLDER = pathlib.Path(tempfile.mkdtemp(prefix="isonest-remote-zarr-", dir=served.MEMORY))
 ENVIRONMENT = {name: value for name, value in os.environ.items()
                if not name.startswith(("AWS_", "SSL_CERT", "CURL_")) and not name.lower().endswith("_proxy")}
 ENVIRONMENT["HOME"] = str(FOLDER)

@@ -98,7 +98,7 @@ def caret(tables, head='<?xml version="1.0" encoding="UTF-8"?>'):
 
 class LabelNames(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
+        folder = tempfile.TemporaryDirectory(prefix="isonest-test-", dir=served.MEMORY)
         self.addCleanup(folder.cleanup)
         self.here = pathlib.Path(folder.name)
         self.out = self.here / "s.isonest"

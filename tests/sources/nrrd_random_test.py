@@ -254,7 +254,7 @@ class Case:
 
 def run(seed):
     """The outcome for a file, and why it is wrong, if it is."""
-    with tempfile.TemporaryDirectory(prefix="isonest-test-") as name:
+    with tempfile.TemporaryDirectory(prefix="isonest-test-", dir=served.MEMORY) as name:
         folder = pathlib.Path(name)
         case = Case(folder, (SEED, seed))
         store = folder / "s.isonest"

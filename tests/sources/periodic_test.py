@@ -43,7 +43,7 @@ def repeated(values, axes, repeat=(1, 1, 1)):
 
 class Periodic(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
+        folder = tempfile.TemporaryDirectory(prefix="isonest-test-", dir=served.MEMORY)
         self.addCleanup(folder.cleanup)
         self.folder = pathlib.Path(folder.name)
         self.values = RANDOM.integers(-1000, 1000, (23, 17, 19)).astype("i2")

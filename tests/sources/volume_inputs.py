@@ -11,7 +11,6 @@ import tempfile
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
-import memory_folder  # noqa: E402
 import served  # noqa: E402
 
 import numpy as np
@@ -87,7 +86,7 @@ class Input(unittest.TestCase):
     path = None
 
     def setUp(self):
-        self.folder = tempfile.TemporaryDirectory(prefix="isonest-test-", dir=memory_folder.FOLDER)
+        self.folder = tempfile.TemporaryDirectory(prefix="isonest-test-", dir=served.MEMORY)
         self.addCleanup(self.folder.cleanup)
         self.here = pathlib.Path(self.folder.name)
 

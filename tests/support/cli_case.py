@@ -7,7 +7,6 @@ import sys
 import tempfile
 import unittest
 
-import memory_folder
 import served
 from sanitized import is_sanitized
 
@@ -37,7 +36,7 @@ def _text(argument):
 class CliCase(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="isonest-cli-", dir=memory_folder.FOLDER)
+        cls.folder = tempfile.TemporaryDirectory(prefix="isonest-cli-", dir=served.MEMORY)
         cls.here = pathlib.Path(cls.folder.name)
         for arguments in (["make-volume", "bucky", "--size", "33", "-o", "b.h5"],
                           ["preprocess", "b.h5", "-o", "b.isonest", "--chunk", "16"],

@@ -5,6 +5,10 @@ program is loaded once, waits, and runs each command in a process forked from it
 and error are files, not pipes. Use subprocess if a new process is needed: for signals, limits, input through a pipe,
 events while the program is loaded, and environment variables that the loader or a library reads before main(). If the
 serving library is not built (sanitizers), this is subprocess.run.
+
+MEMORY is a folder in memory for TemporaryDirectory(dir=served.MEMORY): the program waits until the disk has each output,
+which takes longer than most runs, above all beside other tests that write. None, the usual place, if TMPDIR is set or
+there is too little memory. Tests of what happens while an output is written stay on the disk.
 """
 import array
 import os
@@ -15,6 +19,17 @@ import struct
 import subprocess
 import threading
 
+
+def _memory(folder="/dev/shm"):
+    try:
+        status = os.statvfs(folder)
+    except OSError:
+        return None
+    usable = os.access(folder, os.W_OK | os.X_OK) and not status.f_flag & os.ST_NOEXEC
+    return folder if usable and status.f_bavail * status.f_frsize >= 2 << 30 else None
+
+
+MEMORY = None if "TMPDIR" in os.environ else _memory()
 _servers = {}
 _lock = threading.Lock()
 
