@@ -344,10 +344,11 @@ VertexFields::VertexFields(std::vector<VertexField> fields, const ReadOptions& o
     std::vector<const Store*> stores;
     for (const VertexField& field : fields) {
         detail::require_name(field.name);
-        names.push_back(detail::in_upper_case(field.name));
-        if (std::count(names.begin(), names.end(), names.back()) > 1) {
-            throw Error(ErrorKind::invalid_argument,
-                        fmt::format("two vertex values are called {}", field.name));
+        // Some formats add the axis to the name of a component.
+        for (const char* const end : {"", "_X", "_Y", "_Z"}) {
+            if (*end == '\0' || field.components.size() > 1) {
+                names.push_back(detail::in_upper_case(field.name) + end);
+            }
         }
         if (field.components.size() != 1 && field.components.size() != 3) {
             throw Error(ErrorKind::invalid_argument,
@@ -355,6 +356,13 @@ VertexFields::VertexFields(std::vector<VertexField> fields, const ReadOptions& o
                                     field.components.size()));
         }
         stores.insert(stores.end(), field.components.begin(), field.components.end());
+    }
+    std::sort(names.begin(), names.end());
+    if (const auto twice = std::adjacent_find(names.begin(), names.end()); twice != names.end()) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("two vertex values, or their components, are called {} (upper and "
+                                "lower case are the same in some formats)",
+                                *twice));
     }
     int threads = detail::Workers::count_of(options.threads);
     for (const Store* const store : stores) {

@@ -239,6 +239,7 @@ class VertexValuesTest(unittest.TestCase):
                 (["--vertex-values", "1n=noise.isonest"], "digit"),
                 (["--vertex-values", "normal=noise.isonest"], "something else"),
                 (["--vertex-values", "n=noise.isonest", "--vertex-values", "N=noise.isonest"], "two"),
+                (["--vertex-values", "w=noise.isonest,noise.isonest,noise.isonest", "--vertex-values", "w_y=noise.isonest"], "W_Y"),
                 (["--vertex-values", "shape.isonest", "--vertex-values", "shape.isonest"], "NAME=STORE"),
                 (["--vertex-values", "n=noise.isonest", "--vertex-values", "s=smooth.isonest", "--format", "3dtiles"], "one number")):
             with self.subTest(words=words):

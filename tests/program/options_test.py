@@ -29,7 +29,7 @@ PERFORMANCE = {"--memory", "--threads"}
 # Tested where their effect can be seen; the named test must mention the option.
 ELSEWHERE = {
     ("preprocess", "--resume"): "tests/program/kill_test.py",
-    **{("view", option): "tests/view/view_server_test.py"
+    **{("view", option): "tests/view/view_trust_test.py"
        for option in ("--port", "--address", "--token", "--open")},
     **{("publish", option): "tests/publish/publish_test.py"
        for option in ("--link", "--hard-link", "--title", "--description", "--license", "--force")},

@@ -10,7 +10,7 @@ import subprocess
 import time
 import urllib.parse
 
-MOST_ANONYMOUS = 200 << 20  # beyond --memory: threads' stacks and memory of the libraries (view_server_test.py)
+MOST_ANONYMOUS = 200 << 20  # beyond --memory: threads' stacks and memory of the libraries (view_trust_test.py)
 
 
 class Broken(Exception):
