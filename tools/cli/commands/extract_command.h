@@ -29,6 +29,7 @@ struct ExtractCommand {
     bool volume_interval = false;
     VertexPlace vertices = VertexPlace::linear;
     std::string values;  ///< location of a second store, or empty
+    std::string times;   ///< the steps of a series; empty: all
     LabelArguments labels;
     InputArguments in;
 
