@@ -514,6 +514,23 @@ class Reading(Case):
         os.mkfifo(series / "series.json")
         self.assertNotEqual(run("info", series).returncode, 0)
 
+    def test_changed_bytes_of_an_index_are_refused_or_harmless(self):
+        series = self.series()
+        good = (series / "series.json").read_bytes()
+        rng = random.Random(7)
+        pieces = [b"{", b"}", b"[", b"]", b",", b'"', b"\\u0000", b"1e308", b"-", b"null", b"..", b"/", b"\xff", b"time", b"store", b"0"]
+        for _ in range(150):
+            data = bytearray(good)
+            for _ in range(rng.randint(1, 3)):
+                at = rng.randrange(len(data))
+                data[at:at + rng.choice((0, 1, 5))] = rng.choice(pieces)
+            (series / "series.json").write_bytes(data)
+            done = run("info", series, "--json")
+            self.assertIn(done.returncode, (0, 2, 3, 4, 5), (bytes(data), done.stderr))
+            if done.returncode == 0:
+                names = [step["store"] for step in json.loads(done.stdout)["steps"]]
+                self.assertTrue(all((series / name).is_file() and "/" not in name for name in names), bytes(data))
+
 
 if __name__ == "__main__":
     unittest.main(argv=sys.argv[:1] + sys.argv[3:])
