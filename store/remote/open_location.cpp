@@ -6,6 +6,7 @@
 #include <utility>
 
 #include <isonest/error.h>
+#include <isonest/series.h>
 
 #include "store/bytes/disk_cache.h"
 #include "store/bytes/store_bytes.h"
@@ -266,6 +267,7 @@ std::shared_ptr<const StoreBytes> open_location(const std::filesystem::path& loc
                                                 const RemoteAccess& remote,
                                                 const std::shared_ptr<const DiskCache>& cache) {
     if (!is_url(location.native())) {
+        require_no_series(location);
         return std::make_shared<FileBytes>(location);
     }
     check_headers(location, remote);

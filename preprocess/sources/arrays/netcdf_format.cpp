@@ -309,6 +309,24 @@ AxisCoordinates coordinates_along(const std::filesystem::path& path, const Netcd
     return {c->name, read_numbers(path, header, *c), unit == nullptr ? "" : unit->text};
 }
 
+/// The step in time at which the volume lies; none without an axis of times.
+std::optional<VolumeTime> time_of(const std::filesystem::path& path, const NetcdfHeader& header,
+                                  const NetcdfVariable& v, const SourceOptions& options,
+                                  const PlacedArray& array) {
+    const ChosenAxes chosen = choose_axes(array.axes, options.index, array.name);
+    const std::optional<std::size_t> axis = time_axis(array.axes, chosen);
+    if (!axis) {
+        return std::nullopt;
+    }
+    VolumeTime time{{}, {}, array.axes[*axis].length};
+    const AxisCoordinates said = coordinates_along(path, header, v.dims[*axis]);
+    if (const auto at = static_cast<std::size_t>(chosen.at[*axis]); at < said.numbers.size()) {
+        time.value = said.numbers[at];
+        time.unit = said.unit;
+    }
+    return time;
+}
+
 /// Places the volume by the coordinates of its axes.
 void place_as_cf(const std::filesystem::path& path, const NetcdfHeader& header,
                  const NetcdfVariable& v, const SourceOptions& options, PlacedArray& array,
@@ -405,6 +423,9 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
     source = with_notes(std::move(source), std::move(notes));
     if (minc) {
         return source;
+    }
+    if (const auto time = time_of(path, header, v, options, array)) {
+        source = with_time(std::move(source), *time);
     }
     const auto numbers = [&](const std::string& name) -> std::vector<double> {
         const NetcdfAttribute* const attribute = attribute_of(v, name);

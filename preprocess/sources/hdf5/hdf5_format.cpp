@@ -111,7 +111,7 @@ class Hdf5Source : public VolumeSource {
     [[nodiscard]] VolumeDescription describe() const override {
         const Placement& in_world = place_.in_world;
         return {nodes_,  type_,       in_world.spacing, in_world.origin, name_, in_world.direction,
-                labels_, place_.unit, place_.frame};
+                labels_, place_.unit, place_.frame,     time()};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
     [[nodiscard]] std::string identity() const override {
@@ -139,6 +139,27 @@ class Hdf5Source : public VolumeSource {
     }
 
   private:
+    /// Of the only axis of times, if the volume lies at one position of it.
+    [[nodiscard]] std::optional<VolumeTime> time() const {
+        std::optional<VolumeTime> found;
+        for (std::size_t i = 0; i < axes_.size() && i < shape_.dims.size(); ++i) {
+            const bool is_whole =
+                std::find(shape_.axes.begin(), shape_.axes.end(), i) != shape_.axes.end();
+            if (!is_time_name(axes_[i].name) || (is_whole && shape_.dims[i] > 1)) {
+                continue;
+            }
+            if (found) {
+                return std::nullopt;
+            }
+            found.emplace().steps = static_cast<std::int64_t>(shape_.dims[i]);
+            const std::size_t at = shape_.at.empty() ? 0 : static_cast<std::size_t>(shape_.at[i]);
+            if (at < axes_[i].coordinates.size()) {
+                found->value = axes_[i].coordinates[at];
+                found->unit = axes_[i].unit;
+            }
+        }
+        return found;
+    }
     [[nodiscard]] Scaling said_scaling() const {
         return cf_scaling(
             [this](const std::string& name) {

@@ -154,6 +154,9 @@ std::unique_ptr<VolumeSource> open_nrrd(const VolumeInput& input, const SourceOp
         source = with_label_names(with_notes(std::move(source), header.labels.notes()),
                                   header.labels.names());
     }
+    if (header.time) {
+        source = with_time(std::move(source), *header.time);
+    }
     std::array<bool, 3> said = header.said;
     for (std::size_t a = 0; a < 3; ++a) {
         said.at(a) = said.at(a) || header.no_space.at(a);

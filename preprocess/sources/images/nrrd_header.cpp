@@ -149,6 +149,9 @@ class Parser {
             header.layout.whole = place.whole;
         }
         header.no_space = chosen.no_space;
+        if (const auto times = time_axis(file, chosen)) {
+            header.time = VolumeTime{{}, {}, file[*times].length};
+        }
         set_pieces(header, sizes);
         // In the file's order from here on, fastest first.
         std::vector<std::size_t> axes;

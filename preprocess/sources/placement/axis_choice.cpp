@@ -238,6 +238,25 @@ std::string along(std::span<const ArrayAxis> axes, const std::vector<std::size_t
 
 }  // namespace
 
+bool is_time_name(const std::string& name) {
+    return synonyms_of(lower(name)) == std::size_t{0} || lower(name).ends_with("time");
+}
+
+std::optional<std::size_t> time_axis(std::span<const ArrayAxis> axes, const ChosenAxes& chosen) {
+    std::optional<std::size_t> found;
+    for (std::size_t i = 0; i < axes.size(); ++i) {
+        const bool is_whole = std::find(chosen.axis.begin(), chosen.axis.end(), std::optional(i)) !=
+                              chosen.axis.end();
+        if (is_time_name(axes[i].name) && (axes[i].length == 1 || !is_whole)) {
+            if (found) {
+                return std::nullopt;
+            }
+            found = i;
+        }
+    }
+    return found;
+}
+
 std::string text_of(std::span<const ArrayAxis> axes) {
     std::string text;
     for (const ArrayAxis& axis : axes) {

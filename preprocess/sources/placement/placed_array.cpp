@@ -131,6 +131,9 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
     if (array.stored) {
         source = converted(std::move(source), *array.stored);
     }
+    if (const auto axis = time_axis(array.axes, chosen)) {
+        source = with_time(std::move(source), {{}, {}, array.axes[*axis].length});
+    }
     return lost.empty() ? std::move(source) : with_notes(std::move(source), {lost});
 }
 

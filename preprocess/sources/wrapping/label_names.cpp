@@ -97,6 +97,28 @@ std::unique_ptr<VolumeSource> with_notes(std::unique_ptr<VolumeSource> inner,
 
 namespace {
 
+class TimedSource : public DescribedSource {
+  public:
+    TimedSource(std::unique_ptr<VolumeSource> inner, VolumeTime time)
+        : DescribedSource(std::move(inner)), time_(std::move(time)) {}
+    [[nodiscard]] VolumeDescription describe() const override {
+        VolumeDescription result = inner_source().describe();
+        result.time = time_;
+        return result;
+    }
+
+  private:
+    VolumeTime time_;
+};
+
+}  // namespace
+
+std::unique_ptr<VolumeSource> with_time(std::unique_ptr<VolumeSource> inner, VolumeTime time) {
+    return std::make_unique<TimedSource>(std::move(inner), std::move(time));
+}
+
+namespace {
+
 /// Bytes per label besides its name: in the map, and in the returned list.
 constexpr std::uint64_t kLabelHeap = 2 * sizeof(LabelName) + 64;
 

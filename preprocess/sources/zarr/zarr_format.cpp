@@ -251,6 +251,35 @@ CoordinatePlace place_beside(const std::shared_ptr<ZarrFiles>& files, const Chos
     return by;
 }
 
+/// The step in time at which the volume lies, with its coordinate in the same place.
+std::optional<VolumeTime> time_of(const std::shared_ptr<ZarrFiles>& files, const ChosenAxes& chosen,
+                                  const SourceOptions& options, ZarrImage& image) {
+    const std::optional<std::size_t> axis = time_axis(image.axes, chosen);
+    if (!axis) {
+        return std::nullopt;
+    }
+    VolumeTime time{{}, {}, image.axes[*axis].length};
+    const std::string& of = image.axes[*axis].name;
+    if (image.ome || of.find('/') != std::string::npos) {
+        return time;
+    }
+    const std::filesystem::path array = image.array.folder.parent_path() / of;
+    try {
+        const std::vector<double> numbers = coordinates_of(files, array, time.steps, options);
+        if (const auto at = static_cast<std::size_t>(chosen.at[*axis]); at < numbers.size()) {
+            time.unit = unit_of_coordinates(*files, array);
+            time.value = numbers[at];
+            image.files.push_back(description_of(*files, array));
+        }
+    } catch (const Error& error) {
+        // The volume can be read without its time.
+        if (error.kind() == ErrorKind::cancelled) {
+            throw;
+        }
+    }
+    return time;
+}
+
 /// The URL may refer to neither an object nor a folder.
 ZarrImage find_image(ZarrFiles& files, const VolumeInput& input, const std::string& dataset) {
     try {
@@ -319,6 +348,7 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
     const std::vector<std::string> about_axes = notes_of(chosen, image.axes);
     notes.insert(notes.end(), about_axes.begin(), about_axes.end());
     const Placement place = place_of(image, chosen, unit, name);
+    const std::optional<VolumeTime> time = time_of(files, chosen, options, image);
     const std::optional<StoredNumber> stored = image.array.stored;
     const FoundLabels labels = std::move(image.labels);
     std::unique_ptr<VolumeSource> source =
@@ -330,6 +360,9 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
         source = converted(std::move(source), *stored);
     }
     source = scaled(std::move(source), scaling);
+    if (time) {
+        source = with_time(std::move(source), *time);
+    }
     return options.labels
                ? with_label_names(with_notes(std::move(source), labels.notes()), labels.names())
                : std::move(source);

@@ -19,6 +19,14 @@
 
 namespace isonest {
 
+/// The step in time at which a volume lies, if it is a part of an array with an axis of times.
+struct VolumeTime {
+    /// The coordinate of the step; nullopt if the file gives none.
+    std::optional<double> value = {};
+    std::string unit = {};   ///< of `value`, as the file spells it ("hours since 2020-01-01")
+    std::int64_t steps = 1;  ///< length of the axis
+};
+
 /// Description of a volume. Node p lies at origin + the sum over the axes of direction * spacing *
 /// p.
 struct VolumeDescription {
@@ -32,6 +40,8 @@ struct VolumeDescription {
     bool labels = false;
     std::optional<LengthUnit> unit = {};               ///< of spacing and origin; nullopt: unknown
     AnatomicalFrame frame = AnatomicalFrame::unknown;  ///< of origin and direction
+    std::optional<VolumeTime> time =
+        {};  ///< nullopt: there is no axis of times, or it is not known
 };
 
 /// A scalar volume that is read in slabs of whole or partial planes. Only describe(), identity()

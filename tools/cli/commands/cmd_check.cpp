@@ -15,6 +15,7 @@
 #include "query/check/check.h"
 #include "store/files/scratch_file.h"
 #include "tools/cli/commands/input_store.h"
+#include "tools/cli/commands/series_command.h"
 #include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
@@ -58,11 +59,36 @@ const char* depth_text(CheckDepth depth) {
     return depth == CheckDepth::quick ? "quick" : depth == CheckDepth::deep ? "deep" : "standard";
 }
 
+Result run(CheckArguments& a, Progress& progress);
+
+/// Checks the store of each step.
+Result check_series(const CheckArguments& a, Progress& progress) {
+    const Series series(a.store);
+    if (a.ranks != nullptr) {
+        require_no_series(a.store);
+    }
+    if (!a.source.empty()) {
+        throw Error(ErrorKind::invalid_argument, {a.store},
+                    "--source needs the store of one step, not a series");
+    }
+    Result all = run_on_steps(series, chosen_steps(series, ""), progress,
+                              [&](std::size_t step, Progress& step_progress) {
+                                  CheckArguments own = a;
+                                  own.store = series.store(step).string();
+                                  return run(own, step_progress);
+                              });
+    all.json["ok"] = all.exit_code == 0;
+    return all;
+}
+
 Result run(CheckArguments& a, Progress& progress) {
     if (a.source.empty() && !a.source_option.empty()) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("{} needs --source: it describes how to read that volume",
                                 a.source_option));
+    }
+    if (is_series(a.store)) {
+        return check_series(a, progress);
     }
     const Store opened = open_required_store(a.store, a.remote, a.check.memory, progress);
     const StoreReader& store = opened.reader();

@@ -21,6 +21,7 @@
 #include "store/remote/open_location.h"
 #include "tools/cli/commands/extract_command.h"
 #include "tools/cli/commands/input_store.h"
+#include "tools/cli/commands/series_command.h"
 #include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/label_names.h"
 #include "tools/cli/options/remote_options.h"
@@ -437,6 +438,18 @@ void take_vertex_values(ExtractCommand& arguments, const std::vector<std::string
 }
 
 Result run(ExtractCommand& arguments, bool has_iso, Communicator* ranks, Progress& progress) {
+    if (const std::optional<Series> series = open_if_series(arguments.in, ranks)) {
+        return write_steps(
+            *series, std::exchange(arguments.times, ""), arguments.extract.mesh,
+            arguments.isovalues.texts, progress,
+            [&](const std::string& store, const std::string& mesh, Progress& step_progress) {
+                ExtractCommand own = arguments;
+                own.in.input = {store};
+                own.extract.mesh = mesh;
+                return run(own, has_iso, ranks, step_progress);
+            });
+    }
+    require_no_times(arguments.times, arguments.in.shown());
     require_suitable_cells(arguments.extract);
     choose_format(arguments);
     if (!arguments.extract.color_map.empty()) {
@@ -493,27 +506,30 @@ std::vector<ProgressStage> stages_of(const ExtractCommand& a) {
 
 void add_extract(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<ExtractCommand>();
-    CLI::App* const c =
-        add_command(app, chosen, "extract",
-                    {"Write an isosurface as a mesh, with a guaranteed error",
-                     "INPUT is a store or a volume. If an option needs a store, a temporary one is "
-                     "made from the volume; --keep-store keeps it. The mesh has no cracks, and its "
-                     "error is at most the one requested: a larger error gives fewer triangles and "
-                     "reads less data, error 0 gives the full-resolution surface. The extension of "
-                     "MESH selects the format. Several isovalues go into one file (.ply .vtp "
-                     ".vtkhdf .glb .3mf), or, with {iso} in the name, into one file each. Data in "
-                     "a plane give isolines (.vtp .obj) or their graph.",
-                     "isonest extract scan.isonest --iso 120 -o full.ply\n"
-                     "isonest extract scan.isonest --iso 120 --error 2% -o coarse.glb --normals\n"
-                     "isonest extract scan.nii.gz --iso 300 --distance 0.5mm --close -o bone.stl\n"
-                     "isonest extract scan.isonest --iso 120 --triangles 100000 -o web.glb\n"
-                     "isonest extract scan.isonest --iso 80,120,160 -o surface_{iso}.ply\n"
-                     "isonest extract scan.isonest --iso 120 --box 0,0,0,50,50,20 -o corner.ply\n"
-                     "isonest extract https://example.org/scan.isonest --iso 120 -o full.ply\n"
-                     "isonest extract organs.isonest --label liver --smooth -o liver.glb\n"
-                     "isonest extract cells.isonest --labels all --smooth -o meshes\n"
-                     "isonest extract scan.isonest --iso 120 --format 3dtiles -o site\n"
-                     "isonest extract map.isonest --graph --scale 3 --error 5 -o relief.glb"});
+    CLI::App* const c = add_command(
+        app, chosen, "extract",
+        {"Write an isosurface as a mesh, with a guaranteed error",
+         "INPUT is a store or a volume. If an option needs a store, a temporary one is "
+         "made from the volume; --keep-store keeps it. The mesh has no cracks, and its "
+         "error is at most the one requested: a larger error gives fewer triangles and "
+         "reads less data, error 0 gives the full-resolution surface. The extension of "
+         "MESH selects the format. Several isovalues go into one file (.ply .vtp "
+         ".vtkhdf .glb .3mf), or, with {iso} in the name, into one file each. For a series, {time} "
+         "or {step} in the name makes a file for each step. Data in "
+         "a plane give isolines (.vtp .obj) or their graph.",
+         "isonest extract scan.isonest --iso 120 -o full.ply\n"
+         "isonest extract scan.isonest --iso 120 --error 2% -o coarse.glb --normals\n"
+         "isonest extract scan.nii.gz --iso 300 --distance 0.5mm --close -o bone.stl\n"
+         "isonest extract scan.isonest --iso 120 --triangles 100000 -o web.glb\n"
+         "isonest extract scan.isonest --iso 80,120,160 -o surface_{iso}.ply\n"
+         "isonest extract scan.isonest --iso 120 --box 0,0,0,50,50,20 -o corner.ply\n"
+         "isonest extract https://example.org/scan.isonest --iso 120 -o full.ply\n"
+         "isonest extract run.isonest --iso 120 -o run_{time}.vtp\n"
+         "isonest extract organs.isonest --label liver --smooth -o liver.glb\n"
+         "isonest extract cells.isonest --labels all --smooth -o meshes\n"
+         "isonest extract heart.isonest --iso 80 --vertex-values p=pressure.isonest -o p.vtp\n"
+         "isonest extract scan.isonest --iso 120 --format 3dtiles -o site\n"
+         "isonest extract map.isonest --graph --scale 3 --error 5 -o relief.glb"});
     add_input_options(c, a->in, false);
     add_extract_options(c, a->extract);
     CLI::Option* const iso = add_isovalue_option(c, a->isovalues);
@@ -562,6 +578,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
         a->extract.vertex_error = parse_field("--vertex-error", text);
     });
     c->add_flag("--quality", a->extract.options.quality);
+    c->add_option("--times", a->times);
     c->add_option("-o,--output", a->extract.mesh)->required();
     c->callback([a, c, iso, values, &chosen] {
         note_source_option(*c, a->in);
@@ -576,7 +593,9 @@ void add_extract(CLI::App& app, Invocation& chosen) {
             return run_beside_fetching(a->in.remote,
                                        [&] { return run(*a, has_iso, ranks, progress); });
         };
-        chosen.stages = with_store_stages(stages_of(*a));
+        if (!is_series(a->in.input.front())) {
+            chosen.stages = with_store_stages(stages_of(*a));
+        }
     });
 }
 

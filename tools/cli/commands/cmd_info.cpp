@@ -2,7 +2,9 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -17,6 +19,7 @@
 #include "store/files/output_file.h"
 #include "store/files/scratch_file.h"
 #include "tools/cli/commands/input_store.h"
+#include "tools/cli/commands/series_command.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/program.h"
 #include "tools/cli/terminal/histogram_report.h"
@@ -271,7 +274,54 @@ Result describe_store(const Store& opened, const InfoArguments& a, const std::st
     return result;
 }
 
+/// The times and stores of a series, and what its first store says about all of them.
+Result describe_series(const Series& series, const InfoArguments& a) {
+    if (a.histogram) {
+        require_no_series(a.in.input.front());
+    }
+    Result result;
+    result.json = series_json(series);
+    result.json["steps"] = Json::array();
+    std::uint64_t bytes = 0;
+    std::string lines;
+    for (std::size_t i = 0; i < series.steps().size(); ++i) {
+        const SeriesStep& step = series.steps()[i];
+        const std::uint64_t size = std::filesystem::file_size(series.store(i));
+        bytes += size;
+        result.json["steps"].push_back(
+            {{"step", i}, {"time", step.time}, {"store", step.store}, {"file_bytes", size}});
+        lines += fmt::format("{:>6} {:>16} {:>10}  {}\n", i, time_text(step.time),
+                             human_bytes(static_cast<double>(size)), step.store);
+    }
+    result.json["file_bytes"] = bytes;
+    result.text = fmt::format("{}: a series of {} steps, {}", series.folder().string(),
+                              series.steps().size(), human_bytes(static_cast<double>(bytes)));
+    if (series.steps().empty()) {
+        result.text += "\n";
+        return result;
+    }
+    const Store first(series.store(0));
+    const StoreHeader& h = first.reader().layout().header();
+    result.json.update({{"nodes", to_json(h.nodes)},
+                        {"type", type_of_values(h)},
+                        {"labels", h.labels},
+                        {"spacing", h.spacing},
+                        {"origin", h.origin},
+                        {"unit", unit_json(h.unit)},
+                        {"frame", frame_json(h.frame)}});
+    result.text +=
+        fmt::format(", each {} x {} x {} {}\n{}times {} to {}{}\n\n{:>6} {:>16} {:>10}  {}\n{}",
+                    h.nodes.x, h.nodes.y, h.nodes.z, type_of_values(h),
+                    place_text(h.spacing, h.origin, h.unit, h.frame, h.direction, h.nodes),
+                    time_text(series.steps().front().time), time_text(series.steps().back().time),
+                    time_suffix(series.time_unit()), "step", "time", "size", "store", lines);
+    return result;
+}
+
 Result run(InfoArguments& a, Progress& progress) {
+    if (const std::optional<Series> series = open_if_series(a.in, nullptr)) {
+        return describe_series(*series, a);
+    }
     InputStore input{open_if_store(a.in, a.options.memory, progress), {}};
     if (!input.opened) {
         const std::unique_ptr<VolumeSource> volume =

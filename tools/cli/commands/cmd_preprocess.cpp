@@ -16,11 +16,13 @@
 #include <isonest/open_volume.h>
 #include <isonest/own_indicator.h>
 #include <isonest/preprocess.h>
+#include <isonest/series.h>
 #include <isonest/tolerance.h>
 
 #include "preprocess/ranks/preprocess_on_ranks.h"
 #include "store/container/format.h"
 #include "store/ranks/communicator.h"
+#include "tools/cli/commands/preprocess_command.h"
 #include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/source_options.h"
@@ -31,17 +33,6 @@
 
 namespace isonest::detail::cli {
 namespace {
-
-struct PreprocessArguments {
-    std::vector<std::string> input;
-    std::string store;
-    SourceOptions source;
-    PreprocessOptions preprocess;
-    std::string scratch;           ///< folder for temporary files, with several ranks
-    std::vector<std::string> own;  ///< "NAME=FILE"
-    ValueTolerance tolerance = {};
-    RemoteArguments remote;
-};
 
 /// With several ranks, rank 0 returns the whole report. `rank`: receives the figures of this rank.
 PreprocessReport run_on(Communicator* ranks, VolumeSource& source, const PreprocessArguments& a,
@@ -166,7 +157,9 @@ ChosenRounding choose_rounding(PreprocessArguments& a, Communicator* ranks,
     return {rounding_of(a.tolerance, type, survey), reason_of(a.tolerance, survey)};
 }
 
-Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
+}  // namespace
+
+Result preprocess_volume(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
     reach_volume(a.input, a.remote, a.preprocess.memory, a.source, progress);
     // A quarter of the budget is enough for the chunks of the input; the passes need the rest.
     a.source.max_heap = a.preprocess.memory / 4;
@@ -241,6 +234,23 @@ Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
     return result;
 }
 
+namespace {
+
+Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
+    if (!a.times && !a.append) {
+        if (is_series(a.store)) {
+            throw Error(ErrorKind::invalid_argument, {a.store},
+                        "is a series; --append adds steps to it");
+        }
+        return preprocess_volume(a, ranks, progress);
+    }
+    if (ranks != nullptr) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--times and --append: isonest-mpi makes one store; isonest makes series");
+    }
+    return preprocess_series(a, progress);
+}
+
 }  // namespace
 
 void add_preprocess(CLI::App& app, Invocation& chosen) {
@@ -254,13 +264,15 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
          "continues an interrupted run. With --labels, 64-bit integers are stored exactly (0 to "
          "2^62 - 1), and the input's names and colours are kept; without it, they become float64 "
          "(up to 2^53). --tolerance rounds the values first, which makes the store much smaller; "
-         "error bounds stay bounds for INPUT's values.\n\nIndicators: " +
+         "error bounds stay bounds for INPUT's values. --times makes a series: a folder with a "
+         "store for each step in time.\n\nIndicators: " +
              list_names(all_fields()) + "; nodes (all but those of cells, hex_...); all.\n\n" +
              paraview_hint(),
          "isonest preprocess scan.h5 -o scan.isonest\n"
          "isonest preprocess scan.h5 --dataset /entry/data -o scan.isonest --memory 8G\n"
          "isonest preprocess scan.nii.gz --tolerance 0.5% -o scan.isonest\n"
          "isonest preprocess organs.seg.nrrd --labels -o organs.isonest\n"
+         "isonest preprocess run_*.nc --times auto -o run.isonest\n"
          "isonest preprocess head.raw.gz --dims 256,256,113 --type uint16 --spacing 1,1,2 -o "
          "head.isonest"});
     c->add_option("INPUT", a->input)->required();
@@ -296,6 +308,8 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
     c->add_flag("--exact", p.exact);
     c->add_flag("--force", p.force);
     c->add_flag("--resume", p.resume);
+    add_parsed(c, "--times", [a](const std::string& text) { a->times = parse_new_times(text); });
+    c->add_flag("--append", a->append);
     if (chosen.ranks != nullptr) {
         c->add_option("--scratch", a->scratch);
     }
@@ -305,12 +319,14 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
             require_remote(a->remote, a->input);
             return run_beside_fetching(a->remote, [&] { return run(*a, ranks, progress); });
         };
-        chosen.stages = {{"check the interrupted run", "checking the interrupted run", 0.1},
-                         {"resume", "reusing finished work", 0.1},
-                         {"copy input", "copying the input", 0.5},
-                         {"survey", "reading the values for --tolerance", 0.3},
-                         {"read indicator", "reading the numbers of --own", 0.2},
-                         {"levels 0-2", "reading the volume", 1}};
+        if (!a->times && !a->append) {
+            chosen.stages = {{"check the interrupted run", "checking the interrupted run", 0.1},
+                             {"resume", "reusing finished work", 0.1},
+                             {"copy input", "copying the input", 0.5},
+                             {"survey", "reading the values for --tolerance", 0.3},
+                             {"read indicator", "reading the numbers of --own", 0.2},
+                             {"levels 0-2", "reading the volume", 1}};
+        }
     });
 }
 

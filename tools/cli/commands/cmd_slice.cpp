@@ -7,6 +7,8 @@
 #include <filesystem>
 #include <initializer_list>
 #include <memory>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include <isonest/error.h>
@@ -18,6 +20,7 @@
 #include "store/container/reader.h"
 #include "store/files/output_file.h"
 #include "tools/cli/commands/input_store.h"
+#include "tools/cli/commands/series_command.h"
 #include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/program.h"
@@ -33,6 +36,7 @@ struct SliceArguments {
     SlicePictureOptions picture;  ///< its contours are used even if no picture is drawn
     std::string picture_option;   ///< an option given for the picture, or empty
     std::string color_option;     ///< an option given for colours, or empty
+    std::string times;            ///< the steps of a series; empty: all
     InputArguments in;
 };
 
@@ -197,6 +201,17 @@ void require_png(const std::string& name) {
 }
 
 Result run(SliceArguments& a, Progress& progress) {
+    if (const std::optional<Series> series = open_if_series(a.in, nullptr)) {
+        return write_steps(
+            *series, std::exchange(a.times, ""), a.extract.mesh, {}, progress,
+            [&](const std::string& store, const std::string& file, Progress& step_progress) {
+                SliceArguments own = a;
+                own.in.input = {store};
+                own.extract.mesh = file;
+                return run(own, step_progress);
+            });
+    }
+    require_no_times(a.times, a.in.shown());
     require_png(a.extract.mesh);
     require_suitable_cells(a.extract);
     ExtractOptions& options = a.extract.options;
@@ -239,10 +254,13 @@ void add_slice(CLI::App& app, Invocation& chosen) {
                     {"Write a plane through the data as a coloured mesh or a picture",
                      "The slice consists of triangles as large as the error allows; the vertices "
                      "of a mesh have values. The extension of OUT selects a picture (.png) or a "
-                     "mesh. For a volume, a temporary store is made; --keep-store keeps it.",
+                     "mesh. For a volume, a temporary store is made; --keep-store keeps it. Of a "
+                     "series, {step} or "
+                     "{time} in the name makes a picture or mesh of each step.",
                      "isonest slice scan.isonest --plane 0,0,1,35 --error 2 -o slice.png --grid\n"
                      "isonest slice scan.nrrd --plane 0,0,1,35 -o slice.png\n"
                      "isonest slice scan.isonest --plane 1,1,0,90 --error 2% -o oblique.vtp\n"
+                     "isonest slice run.isonest --plane 0,0,1,35 -o film_{step}.png\n"
                      "isonest slice scan.isonest --plane 0,1,0,40 --contours 80,120 -o lines.vtp"});
     add_input_options(c, a->in, false);
     add_extract_options(c, a->extract);
@@ -273,6 +291,7 @@ void add_slice(CLI::App& app, Invocation& chosen) {
     c->add_flag("--grid", o.grid);
     add_parsed(c, "--contours",
                [&o](const std::string& text) { o.contours = parse_contours(text); });
+    c->add_option("--times", a->times);
     c->add_option("-o,--output", a->extract.mesh)->required();
     c->callback([a, c, &chosen] {
         note_source_option(*c, a->in);
@@ -282,8 +301,10 @@ void add_slice(CLI::App& app, Invocation& chosen) {
             require_remote(a->in.remote, a->in.input);
             return run_beside_fetching(a->in.remote, [&] { return run(*a, progress); });
         };
-        chosen.stages =
-            with_store_stages({{"extract", "cutting", 0.6}, {"write mesh", "writing", 0.4}});
+        if (!is_series(a->in.input.front())) {
+            chosen.stages =
+                with_store_stages({{"extract", "cutting", 0.6}, {"write mesh", "writing", 0.4}});
+        }
     });
 }
 

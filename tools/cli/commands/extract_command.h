@@ -31,6 +31,7 @@ struct ExtractCommand {
     VertexPlace vertices = VertexPlace::linear;
     std::string values;  ///< location of a second store, or empty
     std::vector<NamedValues> named_values;
+    std::string times;  ///< the steps of a series; empty: all
     LabelArguments labels;
     InputArguments in;
 

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include <isonest/error.h>
+#include <isonest/series.h>
 
 #include "store/lattice/lattice.h"
 #include "tools/cli/options/option_table.h"
@@ -17,6 +18,18 @@
 #include "tools/cli/program.h"
 
 namespace isonest::detail::cli {
+
+std::vector<std::string> items_of(const std::string& text, char at) {
+    std::vector<std::string> parts{""};
+    for (const char c : text) {
+        if (c == at) {
+            parts.emplace_back();
+        } else {
+            parts.back() += c;
+        }
+    }
+    return parts;
+}
 
 ValueType parse_type(const std::string& text) {
     // Names of NumPy and C. Except for f8, a trailing 8 means 8 bits, as everywhere in isonest.
@@ -56,18 +69,6 @@ namespace {
 /// Whether the text has the form "A,B", for data in a plane.
 bool in_plane(const std::string& text) {
     return std::count(text.begin(), text.end(), ',') == 1;
-}
-
-std::vector<std::string> items_of(const std::string& text, char at) {
-    std::vector<std::string> parts{""};
-    for (const char c : text) {
-        if (c == at) {
-            parts.emplace_back();
-        } else {
-            parts.back() += c;
-        }
-    }
-    return parts;
 }
 
 std::int64_t parse_position(const char* option, const std::string& text) {
@@ -181,6 +182,9 @@ void add_parts(CLI::App* command, SourceOptions& o) {
 std::unique_ptr<VolumeSource> open_input(const std::vector<std::string>& input,
                                          const std::filesystem::path& scratch_folder,
                                          const SourceOptions& options) {
+    for (const std::string& name : input) {
+        require_no_series(name);
+    }
     if (input == std::vector<std::string>{"-"}) {
         return open_volume_stream(STDIN_FILENO, scratch_folder, options);
     }

@@ -11,6 +11,9 @@
 
 namespace isonest::detail::cli {
 
+/// The parts of a text between the characters `at`; at least one.
+std::vector<std::string> items_of(const std::string& text, char at);
+
 /// Parses the value of --type; the inverse of name_of(ValueType). Throws Error{invalid_argument}.
 ValueType parse_type(const std::string& text);
 

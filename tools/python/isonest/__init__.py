@@ -20,13 +20,14 @@ from ._errors import (CancelledError, CorruptError, Error, InputOutputError, Inv
                       MemoryLimitError, NotFoundError, UnsupportedError)
 from ._mesh import Mesh
 from ._own import RefinementNodes
+from ._series import Series
 from ._smooth import Smoothed, smooth
 from ._store import Histogram, Label, Store, Study
 from ._view import View
 from ._volume import isosurface, preprocess
 
 __version__ = _core.version
-__all__ = ["preprocess", "RefinementNodes", "open", "view", "isosurface", "smooth", "Store", "View", "Mesh", "Histogram", "Label", "Study",
+__all__ = ["preprocess", "RefinementNodes", "open", "open_series", "view", "isosurface", "smooth", "Store", "Series", "View", "Mesh", "Histogram", "Label", "Study",
            "StudyRow", "Smoothed", "SmoothStep", "CheckReport", "Finding", "Analysis", "StoredArray", "Report",
            "PreprocessReport", "TriangleQuality", "Error", "InvalidArgumentError", "NotFoundError", "CorruptError",
            "UnsupportedError", "InputOutputError", "LimitError", "MemoryLimitError", "CancelledError"]
@@ -46,6 +47,15 @@ def open(path: "os.PathLike[str] | str", *, headers: Headers = None,
     :attr:`Store.fetched` counts what was fetched. Raises subclasses of :class:`isonest.Error`.
     """
     return Store(path, headers=headers, cache=cache, memory=memory)
+
+
+def open_series(path: "os.PathLike[str] | str") -> Series:
+    """Opens the folder of a series, which `isonest preprocess --times` makes: a store for each step in time.
+
+    ``series[3]`` and ``series.at(0.5)`` open a store, iteration all of them one after the other, and ``series.times`` has the
+    times. Steps that are added later are seen by opening the series again. Raises subclasses of :class:`isonest.Error`.
+    """
+    return Series(path)
 
 
 def view(path: "os.PathLike[str] | str", *, headers: Headers = None,

@@ -17,6 +17,7 @@
 #include <isonest/check.h>
 #include <isonest/histogram.h>
 #include <isonest/labels.h>
+#include <isonest/series.h>
 #include <isonest/values.h>
 
 #include "query/extract/extract.h"
@@ -506,6 +507,25 @@ void add_stores(py::module_& module) {
         .def("label_names", &label_names)
         .def("label_named", &label_named, "name"_a);
     add_histogram(module);
+    py::class_<Series>(module, "Series")
+        .def(py::init<std::filesystem::path>(), "folder"_a)
+        .def_property_readonly("path", &Series::folder)
+        .def_property_readonly("times",
+                               [](const Series& series) {
+                                   std::vector<double> times;
+                                   for (const SeriesStep& step : series.steps()) {
+                                       times.push_back(step.time);
+                                   }
+                                   return times;
+                               })
+        .def_property_readonly("time_unit", &Series::time_unit)
+        .def_property_readonly("stores", [](const Series& series) {
+            std::vector<std::filesystem::path> stores;
+            for (std::size_t i = 0; i < series.steps().size(); ++i) {
+                stores.push_back(series.store(i));
+            }
+            return stores;
+        });
 }
 
 }  // namespace isonest::python
