@@ -322,6 +322,19 @@ std::string input_format_of(const std::filesystem::path& path) {
     }
 }
 
+bool holds_whole_volume(const std::filesystem::path& path) {
+    std::error_code ignored;
+    if (!std::filesystem::is_regular_file(path, ignored)) {
+        return false;
+    }
+    try {
+        const VolumeFormat& format = format_of(look_at({path}, {}));
+        return !format.takes.numbers && !format.several_files;
+    } catch (const Error&) {
+        return false;
+    }
+}
+
 std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::path>& paths,
                                           const SourceOptions& options) {
     const VolumeInput input = look_at(paths, options.remote);

@@ -109,6 +109,17 @@ class Making(Case):
         self.assertEqual({path.name for path in (self.here / "run.isonest").iterdir()},
                          {"series.json"} | {step["store"] for step in index["steps"]})
 
+    def test_several_volumes_are_a_series_by_themselves(self):
+        files = [write_nrrd(self.here / f"own_{i}.nrrd", ball(6 + i)) for i in (2, 0, 1)]
+        ok("preprocess", *files, "-o", self.here / "own")
+        ok("preprocess", *files, "--times", "auto", "-o", self.here / "asked")
+        self.assertEqual((self.here / "own/series.json").read_bytes(), (self.here / "asked/series.json").read_bytes())
+        self.assertEqual([step["time"] for step in json.loads((self.here / "own/series.json").read_text())["steps"]], [0, 1, 2])
+        # Not if one of them is something else.
+        (self.here / "own_3.nrrd").write_bytes(bytes(100))
+        self.assertNotEqual(run("preprocess", *files, self.here / "own_3.nrrd", "-o", self.here / "other").returncode, 0)
+        self.assertFalse((self.here / "other").exists())
+
     def test_times_from_names_are_sorted(self):
         for i in (10, 9, 0.5):
             write_nrrd(self.here / f"t{i}.nrrd", ball(3))

@@ -236,6 +236,11 @@ Result preprocess_volume(PreprocessArguments& a, Communicator* ranks, Progress& 
 
 namespace {
 
+/// Several files, each with a volume of its own, are a series.
+bool are_steps(const std::vector<std::string>& input) {
+    return input.size() > 1 && std::all_of(input.begin(), input.end(), holds_whole_volume);
+}
+
 Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
     if (!a.times && !a.append) {
         if (is_series(a.store)) {
@@ -264,15 +269,15 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
          "continues an interrupted run. With --labels, 64-bit integers are stored exactly (0 to "
          "2^62 - 1), and the input's names and colours are kept; without it, they become float64 "
          "(up to 2^53). --tolerance rounds the values first, which makes the store much smaller; "
-         "error bounds stay bounds for INPUT's values. --times makes a series: a folder with a "
-         "store for each step in time.\n\nIndicators: " +
+         "error bounds stay bounds for INPUT's values. Several files with a volume each, or "
+         "--times, make a series: a folder with a store for each step in time.\n\nIndicators: " +
              list_names(all_fields()) + "; nodes (all but those of cells, hex_...); all.\n\n" +
              paraview_hint(),
          "isonest preprocess scan.h5 -o scan.isonest\n"
          "isonest preprocess scan.h5 --dataset /entry/data -o scan.isonest --memory 8G\n"
          "isonest preprocess scan.nii.gz --tolerance 0.5% -o scan.isonest\n"
          "isonest preprocess organs.seg.nrrd --labels -o organs.isonest\n"
-         "isonest preprocess run_*.nc --times auto -o run.isonest\n"
+         "isonest preprocess run_*.nc -o run.isonest\n"
          "isonest preprocess head.raw.gz --dims 256,256,113 --type uint16 --spacing 1,1,2 -o "
          "head.isonest"});
     c->add_option("INPUT", a->input)->required();
@@ -315,6 +320,9 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
     }
     add_remote_options(c, a->remote);
     c->callback([a, &chosen] {
+        if (chosen.ranks == nullptr && !a->times && !a->append && are_steps(a->input)) {
+            a->times.emplace();  // from the input
+        }
         chosen.run = [a, ranks = chosen.ranks](Progress& progress) {
             require_remote(a->remote, a->input);
             return run_beside_fetching(a->remote, [&] { return run(*a, ranks, progress); });

@@ -63,7 +63,12 @@ std::optional<NamedValues> parse_named_values(const std::string& text) {
     }
     NamedValues values{text.substr(0, sign), {}};
     const std::string sources = text.substr(sign + 1);
-    values.sources = exists(sources) || is_url(sources) ? std::vector{sources} : split(sources);
+    values.sources = split(sources);
+    // A comma may be part of a name or of a URL.
+    if (exists(sources) ||
+        (is_url(sources) && !std::all_of(values.sources.begin(), values.sources.end(), is_url))) {
+        values.sources = {sources};
+    }
     const bool has_empty = std::any_of(values.sources.begin(), values.sources.end(),
                                        [](const std::string& source) { return source.empty(); });
     if (has_empty || (values.sources.size() != 1 && values.sources.size() != 3)) {
@@ -142,12 +147,13 @@ void VertexValues::report(Result& result) const {
     for (std::size_t i = 0; i < reports.size(); ++i) {
         const VertexFieldReport& r = reports[i];
         Json names = Json::array();
+        Json remote = Json::array();
         for (std::size_t k = 0; k < values_[i].sources.size(); ++k, ++source) {
             names.push_back(shown_location(values_[i].sources[k]));
-            if (source->input.opened) {
-                Result fetched;
-                add_fetched(*source->input.opened, fetched);
-                result.text += fetched.text.empty() ? "" : r.name + ": " + fetched.text;
+            if (source->input.store().is_remote()) {
+                const FetchedCounts fetched = source->input.store().fetched();
+                remote.push_back(fetched_json(fetched));
+                result.text += r.name + ": " + fetched_text(fetched);
             }
         }
         list.push_back({{"name", r.name},
@@ -156,6 +162,9 @@ void VertexValues::report(Result& result) const {
                         {"linear_bound", r.linear_bound},
                         {"missing_vertices", r.missing_vertices},
                         {"unbounded_triangles", r.unbounded_elements}});
+        if (!remote.empty()) {
+            list.back()["remote"] = std::move(remote);
+        }
         result.text +=
             r.linear_bound == 0 && r.unbounded_elements > 0
                 ? fmt::format("{}: no triangle has values everywhere", r.name)
