@@ -38,9 +38,9 @@ class MeshFile : public MeshSink {
     void begin(const MeshLayout& layout) final;
     void end() override;
 
-    /// In place of begin(), for formats of several objects: then, for each object in turn,
-    /// begin_object(), all batches in ascending order, vertices first, and end_object(). The
-    /// layouts are those of the meshes before any conversion of their frame.
+    /// Called in place of begin() for formats of several objects. For each object in turn, it is
+    /// followed by begin_object(), all batches in ascending order, vertices first, and
+    /// end_object(). The layouts are those of the meshes before any conversion of their frame.
     void begin_all(std::vector<FileObject> objects);
     virtual void begin_object(std::size_t object) { static_cast<void>(object); }
     virtual void end_object() {}
@@ -102,11 +102,11 @@ AnatomicalFrame frame_in_file(AnatomicalFrame frame, MeshSpace space,
 /// The text read by 3D Slicer, for example "SPACE=RAS". Empty if the frame is unknown.
 std::string space_text(AnatomicalFrame frame);
 
-/// Whether an extraction itself makes attributes of this name. Others are fields (vertex_fields.h).
+/// Whether the extraction itself makes this attribute. All others are fields (vertex_fields.h).
 bool is_of_extraction(const VertexAttribute& attribute);
 
-/// The attribute shown by default: the value, the error, or else the first scalar field; null:
-/// none.
+/// The attribute shown by default: the value, else the error, else the first scalar field; null if
+/// there is none of these.
 const VertexAttribute* main_scalar(const MeshLayout& layout);
 
 /// The attribute's name in glTF: its own name, or an application-specific one, which must start

@@ -127,7 +127,7 @@ struct Patch {
     /// The triangles are the fine triangles, each is its own witness.
     bool is_full = false;
 
-    /// Makes the triangles the fine triangles, each its own witness.
+    /// Starts with the fine triangles: they become the triangles, and each is its own witness.
     void set_full() {
         is_full = true;
         triangles = fine;

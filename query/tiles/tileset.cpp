@@ -34,7 +34,8 @@ namespace {
 
 /// About as many nodes along the edge of a cube at the finest level.
 constexpr double kNodesInCube = 64;
-/// Twice this part of the distance of neighbouring nodes is the error of level 1 without a bound.
+/// If the mesh has no bound, the error of level 1 is twice this part of the distance of
+/// neighbouring nodes.
 constexpr double kFinestError = 0.25;
 
 /// Writes files into an unfinished folder. Thread-safe.

@@ -17,7 +17,7 @@
 
 namespace isonest::detail {
 
-/// The function of sample(), at points in world coordinates. Thread-safety: const.
+/// The function that sample() evaluates, at points in world coordinates. Thread-safety: const.
 class Interpolation {
   public:
     Interpolation(const StoreLayout& layout, const SampleOptions& options)
@@ -39,7 +39,7 @@ class Interpolation {
         return steps_.steps_of(
             unrotated(rotation_, {point[0] - o[0], point[1] - o[1], point[2] - o[2]}));
     }
-    /// Nothing outside the volume.
+    /// nullopt outside the volume.
     [[nodiscard]] std::optional<Place> place_of(const Double3& point) const {
         constexpr double kRounding = 0x1p32;
         Double3 steps = steps_at(point);

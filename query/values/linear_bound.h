@@ -1,4 +1,4 @@
-// A bound for what linear interpolation on a triangle misses of a trilinear function.
+// A bound on the difference between a trilinear function and a linear function on a triangle.
 #pragma once
 
 #include <algorithm>
@@ -15,14 +15,15 @@ namespace isonest::detail {
 /// Computes the bound for one triangle after another. Not thread-safe.
 ///
 /// The lattice's planes and the sides of the triangle's bounding box divide the box into pieces of
-/// cells. In each, the trilinear function f is a weighted mean of its values at the piece's eight
-/// corners, and so is an affine function A. Therefore |f - A| is nowhere on the triangle larger
-/// than at the corners of the pieces that the triangle meets. The linear function L on the triangle
-/// extends to a family of affine functions A, which differ by their slope across the triangle; any
-/// of them gives a valid bound, and the slope is fitted to the corners.
+/// cells. In each piece, the trilinear function f is a weighted mean of its values at the piece's
+/// eight corners; any affine function A is the mean of its own values with the same weights.
+/// Therefore |f - A| on the triangle is at most its largest value at the corners of the pieces that
+/// the triangle meets. The linear function L on the triangle can be extended to space by affine
+/// functions A that differ in their slope across the triangle. Any of them gives a valid bound; the
+/// slope is fitted to the corners.
 class LinearBound {
   public:
-    /// The bound for |f - L|; NaN if f is not finite at one of the corners. `triangle`: in steps of
+    /// A bound on |f - L|; NaN if f is not finite at one of the corners. `triangle`: in steps of
     /// the lattice, inside it; `values`: of L at the triangle's corners; f(point): a finite number,
     /// or NaN; points are inside the triangle's box.
     template <class Function>
@@ -144,7 +145,7 @@ double LinearBound::of(const std::array<Double3, 3>& triangle, const std::array<
     for (const Corner& corner : corners_) {
         worst = std::max(worst, std::fabs(corner.difference - across * corner.height));
     }
-    // What rounding makes of A at the triangle's corners.
+    // How far A is from L at the triangle's corners, because of rounding.
     double rounding = 0;
     for (std::size_t i = 1; i < 3; ++i) {
         const Double3 d = minus(triangle[i], triangle[0]);

@@ -31,13 +31,13 @@ namespace isonest {
 namespace detail {
 namespace {
 
-/// Vertices or elements of a task.
+/// Number of vertices or elements in a task.
 constexpr std::size_t kAtOnce = 2048;
 
 /// One scalar quantity of a store.
 class Quantity {
   public:
-    /// `memory`: of `threads` threads and the cache. REQUIRES: it is enough for the threads.
+    /// `memory`: for `threads` threads and the cache. REQUIRES: it is enough for the threads.
     Quantity(const Store& store, std::uint64_t memory, int threads)
         : store_(store.reader()),
           interpolation_(store_.layout(), {0, Cells::hexahedra}),
@@ -107,7 +107,7 @@ struct VertexFields::Parts {
     struct Entry {
         VertexFieldReport report;
         std::vector<std::unique_ptr<detail::Quantity>> quantities;
-        bool is_double = false;  ///< the values are
+        bool is_double = false;  ///< whether the values are float64
     };
 
     explicit Parts(int threads) : arena(threads) {}
@@ -201,7 +201,8 @@ MeshLayout FieldSink::with_fields(MeshLayout layout) const {
     return layout;
 }
 
-/// The rows of the batch with the fields at their end. `counts`: adds to the missing vertices.
+/// The rows of the batch with the fields at their end. `counts`: whether vertices without a value
+/// are added to the reports.
 std::vector<std::byte> FieldSink::rows_of(const VertexBatch& batch, bool counts) {
     const std::size_t count = batch.positions.size();
     std::vector<std::byte> rows(count * layout_.row_bytes);
@@ -253,7 +254,7 @@ void FieldSink::fill(const Entry& field, const VertexAttribute& attribute, const
     }
 }
 
-/// Updates the bounds. `batch`: with the fields.
+/// Updates the bounds in the reports. `batch`: has the fields already.
 void FieldSink::measure(const ElementBatch& batch) {
     const std::size_t first = layout_.attributes.size() - parts_.fields.size();
     for (std::size_t f = 0; f < parts_.fields.size(); ++f) {

@@ -113,7 +113,7 @@ int locked(const std::filesystem::path& folder) {
     if (opened.get() < 0) {
         fail(folder, "open", errno);
     }
-    // File systems without locks are used without them.
+    // On file systems that have no locks, the folder is not locked.
     if (::flock(opened.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
         throw Error(ErrorKind::io, {folder.string()},
                     "another run is adding steps to this series; wait until it has finished");

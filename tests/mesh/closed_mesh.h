@@ -11,14 +11,14 @@
 
 namespace isonest::detail::test {
 
-/// What closed() makes.
+/// The result of closed().
 struct Closed {
     Mesh mesh;
     std::string bytes;
     ExtractReport report;
 };
 
-/// How closed() makes it.
+/// The options of closed().
 struct Settings {
     double error = 0;
     std::optional<WorldBox> box;

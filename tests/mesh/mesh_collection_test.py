@@ -1,5 +1,5 @@
-"""Several labels or isovalues in one .glb or .3mf: an object each, with the triangles of its own file, its name and its
-colour; read by the specifications of glTF and 3MF, and by VTK.
+"""Several labels or isovalues in one .glb or .3mf: each is an object with its name and colour, and with the
+same triangles as in a file of its own; read by the specifications of glTF and 3MF, and by VTK.
 
 Usage: mesh_collection_test.py ISONEST PLUGIN_FOLDER
 """

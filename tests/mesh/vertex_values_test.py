@@ -1,5 +1,5 @@
 """Values of other stores and volumes at the vertices of a mesh (--vertex-values NAME=STORE), against a trilinear
-interpolation in NumPy: each vertex has the value at its own place in the world, and the reported bound holds for the
+interpolation in NumPy: each vertex has the value at its position in the world, and the reported bound holds for the
 linear function on every triangle.
 
 Usage: vertex_values_test.py ISONEST PLUGIN_FOLDER

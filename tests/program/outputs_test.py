@@ -222,7 +222,7 @@ class Outputs(unittest.TestCase):
                     self.assertEqual(source.read_bytes(), self.kept[source])
 
     def on_the_disk(self):
-        """A folder in which outputs take longer, for what happens meanwhile."""
+        """A folder in which outputs take longer, so that something can happen meanwhile."""
         temporary = tempfile.TemporaryDirectory(prefix="isonest-outputs-")
         self.addCleanup(temporary.cleanup)
         self.folder = pathlib.Path(temporary.name)

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Series: preprocess --times and --append, and what reads a series, compared with the same on each step's own store.
+"""Series: preprocess --times and --append, and commands that read a series, compared with the same commands on the
+store of each step.
 
 usage: series_test.py ISONEST PLUGIN_FOLDER
 """

@@ -1,4 +1,4 @@
-"""A server of isonest view for tests: starts it, asks it, and decodes its meshes by meshoptimizer's own library, following
+"""A server of isonest view for tests: starts it, sends requests, and decodes its meshes with meshoptimizer's library, by
 tools/view/PROTOCOL.md. Ends the test with 77 if the build has no isonest view.
 """
 import contextlib

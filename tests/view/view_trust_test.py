@@ -1,5 +1,5 @@
-"""The server of isonest view from outside, over its socket: what strangers, signals and replaced files can do to it is
-bounded.
+"""The server of isonest view from outside, over its socket: limits on what strangers, signals and replaced files
+can do to it.
 
 Usage: view_trust_test.py ISONEST PLUGIN_FOLDER
 """

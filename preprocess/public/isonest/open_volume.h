@@ -101,9 +101,9 @@ std::vector<InputFormat> input_formats();
 /// input_formats(): "NIfTI". Empty for raw numbers, unreadable files and unknown formats.
 std::string input_format_of(const std::filesystem::path& path);
 
-/// Whether local files of the format of this one hold a whole volume each, so that several of them
-/// are several volumes. False for slices, folders, raw numbers, unreadable files and unknown
-/// formats.
+/// Whether the file is local and of a format in which each file holds a whole volume, so that
+/// several files are several volumes. False for slices, folders, raw numbers, unreadable files and
+/// unknown formats.
 bool holds_whole_volume(const std::filesystem::path& path);
 
 }  // namespace isonest

@@ -309,7 +309,7 @@ AxisCoordinates coordinates_along(const std::filesystem::path& path, const Netcd
     return {c->name, read_numbers(path, header, *c), unit == nullptr ? "" : unit->text};
 }
 
-/// The step in time at which the volume lies; none without an axis of times.
+/// The position of the volume in time; nullopt if the array has no axis of times.
 std::optional<VolumeTime> time_of(const std::filesystem::path& path, const NetcdfHeader& header,
                                   const NetcdfVariable& v, const SourceOptions& options,
                                   const PlacedArray& array) {

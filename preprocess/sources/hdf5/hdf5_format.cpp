@@ -139,7 +139,8 @@ class Hdf5Source : public VolumeSource {
     }
 
   private:
-    /// Of the only axis of times, if the volume lies at one position of it.
+    /// The position in time, if there is only one axis of times and the volume has one position on
+    /// it.
     [[nodiscard]] std::optional<VolumeTime> time() const {
         std::optional<VolumeTime> found;
         for (std::size_t i = 0; i < axes_.size() && i < shape_.dims.size(); ++i) {

@@ -53,7 +53,7 @@ struct NrrdHeader {
     std::array<bool, 3> said{};
     /// Axes of the volume that are not directions in space.
     std::array<bool, 3> no_space{};
-    std::optional<VolumeTime> time = {};  ///< at which the volume lies; without its value
+    std::optional<VolumeTime> time = {};  ///< position of the volume; without a coordinate
 };
 
 /// Parses the start of an NRRD file. Source: http://teem.sourceforge.net/nrrd/format.html

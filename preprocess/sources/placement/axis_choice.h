@@ -96,9 +96,9 @@ ArrayPlace place_in_array(std::span<const ArrayAxis> axes, std::span<const AxisI
 std::vector<std::string> notes_of(const ChosenAxes& chosen, std::span<const ArrayAxis> axes,
                                   const std::optional<Double3>& apart = {});
 
-/// Whether an axis of this name is one of times: "t", "time", "frame", "ocean_time".
+/// Whether this is the name of an axis of times, such as "t", "time", "frame", "ocean_time".
 bool is_time_name(const std::string& name);
-/// The only axis of times, if the volume lies at one position of it.
+/// The axis of times, if there is only one and the volume has one position on it.
 std::optional<std::size_t> time_axis(std::span<const ArrayAxis> axes, const ChosenAxes& chosen);
 
 /// "time 5, c 3, z 40, y 50, x 60", "5, 40, 50".

@@ -24,13 +24,13 @@ std::unique_ptr<VolumeSource> with_label_names(std::unique_ptr<VolumeSource> inn
                                                std::vector<LabelName> names,
                                                const std::filesystem::path& table = {});
 
-// Sources with additional notes, or a time.
+// Sources with additional notes, or with a position in time.
 
 /// `inner` with these notes after its own; `inner` itself if there are none.
 std::unique_ptr<VolumeSource> with_notes(std::unique_ptr<VolumeSource> inner,
                                          std::vector<std::string> notes);
 
-/// `inner` at this step in time.
+/// `inner` with this position in time.
 std::unique_ptr<VolumeSource> with_time(std::unique_ptr<VolumeSource> inner, VolumeTime time);
 
 // Tables of labels stored beside a volume.

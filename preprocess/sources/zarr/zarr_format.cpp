@@ -251,7 +251,8 @@ CoordinatePlace place_beside(const std::shared_ptr<ZarrFiles>& files, const Chos
     return by;
 }
 
-/// The step in time at which the volume lies, with its coordinate in the same place.
+/// The position of the volume in time. Its coordinate is read from an array in the same folder that
+/// has the name of the axis.
 std::optional<VolumeTime> time_of(const std::shared_ptr<ZarrFiles>& files, const ChosenAxes& chosen,
                                   const SourceOptions& options, ZarrImage& image) {
     const std::optional<std::size_t> axis = time_axis(image.axes, chosen);

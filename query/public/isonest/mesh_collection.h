@@ -23,7 +23,7 @@ struct MeshObject {
 
 /// Writes .glb (a node, a mesh and a material per object) and .3mf (an object and an item per
 /// object). Meshes are kept in a temporary file until all are complete, because such files begin
-/// with what is known of all meshes. Objects without triangles are left out.
+/// with a description of all of them. Objects without triangles are left out.
 class MeshCollection {
   public:
     /// Whether the format of this name can hold several objects.
@@ -43,8 +43,8 @@ class MeshCollection {
     /// outlive them. They throw as the sink of open_mesh_file().
     [[nodiscard]] std::unique_ptr<MeshSink> sink(std::size_t object);
 
-    /// Writes the file, with the objects in their order, whatever the order in which their meshes
-    /// came. Throws Error{limit} for more than the format can number, Error{io, cancelled}.
+    /// Writes the file. The objects are in the given order, even if their meshes came in another
+    /// one. Throws Error{limit} for more than the format can number, Error{io, cancelled}.
     void finish(Progress& progress = silent_progress());
 
     struct Parts;

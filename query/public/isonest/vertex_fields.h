@@ -12,12 +12,13 @@
 
 namespace isonest {
 
-/// A quantity of which each vertex gets the value at its own position in the world. It may have
-/// another lattice than the mesh. Between the nodes of its store it is trilinear.
+/// A quantity. Each vertex gets its value at the position of the vertex in the world. Its lattice
+/// may differ from that of the mesh. Between the nodes of its store it is trilinear.
 struct VertexField {
     /// Name of the attribute: up to 64 letters, digits and underscores, not starting with a digit.
     std::string name = {};
-    /// One store, or three for the components x, y and z of a vector. They must outlive the use.
+    /// One store, or three for the components x, y and z of a vector. They must outlive the
+    /// VertexFields that uses them.
     std::vector<const Store*> components = {};
 };
 
@@ -28,17 +29,17 @@ struct VertexFieldReport {
     /// Vertices where a component is missing: they are outside the volume, or a value next to them
     /// is missing. Their attribute is NaN.
     std::uint64_t missing_vertices = 0;
-    /// Proven: on every triangle (or line) without missing values near it, the linear function
-    /// between its vertices differs from the field by at most this. It includes the rounding of the
-    /// attributes to float32 and the rounding of the values in the store; for a vector it is for
-    /// each component.
+    /// A proven bound: on every triangle (or line) without missing values near it, the linear
+    /// function between its vertices differs from the field by at most this. The bound includes the
+    /// rounding of the attributes to float32 and the rounding of the values in the store. For a
+    /// vector, it holds for each component.
     double linear_bound = 0;
     /// Triangles (or lines) to which linear_bound does not apply, because of missing values.
     std::uint64_t unbounded_elements = 0;
 };
 
 /// Adds fields to meshes on their way to a sink. Thread-safety: the sinks of one object may be used
-/// at the same time; reports() when none of them is.
+/// at the same time; reports() may be called while none of them is used.
 class VertexFields {
   public:
     /// Names that the attributes of a mesh or the columns of a mesh file already have.

@@ -19,8 +19,8 @@ struct SeriesStep {
 };
 
 /// The index of a series, as it was when it was read. A run that adds steps replaces the index
-/// after each, so all steps that it lists are complete. Thread-safety: const methods from any
-/// thread.
+/// after each step, so all steps that the index lists are complete. Thread-safety: const methods
+/// from any thread.
 class Series {
   public:
     /// Reads the index and checks that the stores are there; opens none of them. Throws
@@ -49,16 +49,16 @@ class Series {
 
 /// Whether this is a folder with the index of a series, valid or not. Never throws.
 bool is_series(const std::filesystem::path& path);
-/// For what works on one store: throws Error{invalid_argument} for a series, and names one of its
-/// stores.
+/// For functions that work on one store: throws Error{invalid_argument} if this is a series; the
+/// message names one of its stores.
 void require_no_series(const std::filesystem::path& path);
 
 /// Adds steps to a series. Only one process at a time can: the folder is locked until the writer is
 /// destroyed. Thread-safety: one thread.
 class SeriesWriter {
   public:
-    /// Begins a series: creates the folder, which may exist only if it is empty but for hidden
-    /// files. Throws Error{invalid_argument, not_found, io}.
+    /// Begins a series: creates the folder. If it exists, it must contain nothing but hidden files.
+    /// Throws Error{invalid_argument, not_found, io}.
     static SeriesWriter create(const std::filesystem::path& folder,
                                const std::optional<std::string>& time_unit = {});
     /// Continues a series. Throws what Series throws, and Error{io} if it is locked.

@@ -19,9 +19,9 @@
 
 namespace isonest {
 
-/// The step in time at which a volume lies, if it is a part of an array with an axis of times.
+/// The position in time of a volume that is a part of an array with an axis of times.
 struct VolumeTime {
-    /// The coordinate of the step; nullopt if the file gives none.
+    /// The coordinate on the axis; nullopt if the file gives none.
     std::optional<double> value = {};
     std::string unit = {};   ///< of `value`, as the file spells it ("hours since 2020-01-01")
     std::int64_t steps = 1;  ///< length of the axis

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Values of another store at the vertices of a surface: the reported bound for linear values between vertices beside the
-largest difference that is found, and the time that the values take.
+"""Values of another store at the vertices of a surface: the reported bound on the error of linear interpolation between
+vertices, next to the largest difference found, and the time that the values take.
 
 usage: tools/bench/meshes/vertex_values.py BUILD FOLDER "ISOVALUE VOLUME [OPTION...]"...
 

@@ -61,7 +61,7 @@ const char* depth_text(CheckDepth depth) {
 
 Result run(CheckArguments& a, Progress& progress);
 
-/// Checks the store of each step.
+/// Checks the stores of all steps.
 Result check_series(const CheckArguments& a, Progress& progress) {
     const Series series(a.store);
     if (a.ranks != nullptr) {

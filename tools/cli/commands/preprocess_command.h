@@ -33,9 +33,9 @@ struct PreprocessArguments {
 /// open_volume() and preprocess() throw.
 Result preprocess_volume(PreprocessArguments& a, Communicator* ranks, Progress& progress);
 
-/// Makes a series, or adds to one: each entry of a.input is a step, or as many as its axis of times
-/// is long, if a.source.index takes that as a whole. All inputs are opened and compared before the
-/// first step is made. Throws what preprocess_volume() and SeriesWriter throw, and
+/// Makes a series, or adds to one. Each entry of a.input is a step; if a.source.index takes its
+/// whole axis of times, each position on that axis is a step. All inputs are opened and compared
+/// before the first step is made. Throws what preprocess_volume() and SeriesWriter throw, and
 /// Error{invalid_argument} for inputs that are not on the same grid, and for times that do not
 /// ascend.
 Result preprocess_series(const PreprocessArguments& a, Progress& progress);

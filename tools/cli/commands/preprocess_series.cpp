@@ -194,7 +194,7 @@ std::string type_of(const VolumeDescription& d) {
     return std::string(d.labels ? "int64" : name_of(d.type));
 }
 
-/// What a store has in common with the volume that it was made from.
+/// The description of the volume that a store was made from, as far as the store has it.
 VolumeDescription description_of(const Store& store) {
     VolumeDescription d;
     d.nodes = store.nodes();
@@ -208,7 +208,7 @@ VolumeDescription description_of(const Store& store) {
     return d;
 }
 
-/// What prevents a volume from being in a series with another one; empty if nothing does.
+/// Why a volume cannot be in a series with another one; empty if it can.
 std::string difference(const VolumeDescription& own, const VolumeDescription& first) {
     const auto nodes = [](const Int3& n) { return fmt::format("{} x {} x {}", n.x, n.y, n.z); };
     const auto three = [](const Double3& v) { return fmt::format("{},{},{}", v[0], v[1], v[2]); };
@@ -252,7 +252,7 @@ void require_same_grid(const std::vector<StepInput>& steps, const VolumeDescript
     }
 }
 
-/// A digest of the first, the middle and the last plane; of a stream, of the first one.
+/// A digest of the first, the middle and the last plane; of a stream, only of the first plane.
 std::uint64_t digest_of_planes(VolumeSource& volume) {
     const VolumeDescription d = volume.describe();
     const std::uint64_t row = static_cast<std::uint64_t>(d.nodes.x) * size_of(d.type);
@@ -276,8 +276,8 @@ std::uint64_t digest_of_planes(VolumeSource& volume) {
     return digest.value();
 }
 
-/// Identifies the input: a file by its state; a step of a file, to which further steps may be
-/// added, by its values.
+/// Identifies the input: a file that is one step by its state; one of several steps in a file by
+/// its values, since more steps may be added to the file.
 std::string source_of(const PreprocessArguments& a, const StepInput& step, Progress& progress) {
     const std::unique_ptr<VolumeSource> volume = open_step(a, step, progress);
     const std::string identity = step.at ? std::string() : volume->identity();
@@ -292,8 +292,8 @@ class KnownSteps {
     KnownSteps(const Series& series, TimeOrigin origin)
         : steps_(series.steps()), used_(steps_.size(), false), origin_(origin) {}
 
-    /// Whether the series has this step. Counted times continue after the last one. Throws
-    /// Error{invalid_argument} if it has another step at this time, or later steps.
+    /// Whether the series has this step. Sets its time if times are counted: they continue after
+    /// the last one. Throws Error{invalid_argument} if the series has another step at this time.
     bool has(StepInput& step, const std::string& source, double last) {
         if (origin_ == TimeOrigin::counted && !step.at) {
             for (std::size_t i = 0; i < steps_.size(); ++i) {
@@ -329,7 +329,7 @@ std::string plural(std::size_t count, const std::string& what) {
     return fmt::format("{} {}{}", count, what, count == 1 ? "" : "s");
 }
 
-/// The first line, with its end.
+/// The first line, with its newline.
 std::string first_line(const std::string& text) {
     return text.substr(0, std::min(text.find('\n'), text.size() - 1) + 1);
 }

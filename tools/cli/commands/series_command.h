@@ -1,4 +1,4 @@
-// Commands on a series: the command for one store, for each step.
+// Commands on a series: each runs the command for one store on every step.
 #pragma once
 
 #include <cstddef>
@@ -16,8 +16,8 @@
 
 namespace isonest::detail::cli {
 
-/// The series that INPUT names; nothing if it is something else. Throws what Series throws, and
-/// Error{invalid_argument} for options that are for volumes, or if `ranks` is not null.
+/// The series that INPUT names; nullopt if it is something else. Throws what Series throws, and
+/// Error{invalid_argument} for options that only volumes have, or if `ranks` is not null.
 std::optional<Series> open_if_series(const InputArguments& a, const Communicator* ranks);
 
 /// Runs `run` for each of the steps, in their order, and collects the reports in "steps" and the
@@ -26,9 +26,9 @@ using RunStep = std::function<Result(std::size_t step, Progress& progress)>;
 Result run_on_steps(const Series& series, const std::vector<std::size_t>& steps, Progress& progress,
                     const RunStep& run);
 
-/// As run_on_steps(), for files: `name` has {time} or {step}, and `run` writes the file that it is
-/// given. In the end writes the index for ParaView, if the format has one. `isovalues`: as on the
-/// command line, for {iso} in `name`; empty if there are none.
+/// Like run_on_steps(), for commands that write files: `name` has {time} or {step}, and `run`
+/// writes the file that it is given. At the end, writes the index for ParaView, if the format has
+/// one. `isovalues`: as on the command line, for {iso} in `name`; empty if there are none.
 using WriteStep =
     std::function<Result(const std::string& store, const std::string& file, Progress& progress)>;
 Result write_steps(const Series& series, const std::string& times, const std::string& name,

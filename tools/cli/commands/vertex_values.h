@@ -24,7 +24,7 @@ struct NamedValues {
     std::vector<std::string> sources;  ///< stores or volumes; FILE:DATASET names a dataset
 };
 
-/// Nothing if the text is the location of a store, without a name. Throws Error{invalid_argument}
+/// nullopt if the text is the location of a store, without a name. Throws Error{invalid_argument}
 /// unless there are one or three sources.
 std::optional<NamedValues> parse_named_values(const std::string& text);
 
@@ -50,7 +50,7 @@ class VertexValues {
         }
     }
 
-    /// After the extraction: adds "vertex_fields", and a line of text each.
+    /// After the extraction: adds "vertex_fields" to the JSON report, and a line of text for each.
     void report(Result& result) const;
 
   private:

@@ -60,8 +60,8 @@ struct ExtractArguments {
     std::string color_map = {};              ///< for colours of vertices; empty: none
     std::optional<std::array<double, 2>> color_range = {};
     std::optional<VertexColors> vertex_colors = {};  ///< set by choose_colors()
-    /// Added to the meshes on their way to the files; null: none. Lives as long as they are
-    /// written.
+    /// Fields that are added to the meshes when they are written; null: none. Must live until all
+    /// meshes are written.
     VertexFields* fields = nullptr;
     std::optional<ColoredField> field_to_color = {};  ///< the first scalar of `fields`
     bool tiles = false;                               ///< write 3D Tiles to the folder `mesh`
@@ -76,7 +76,7 @@ struct ExtractArguments {
                 .colors = vertex_colors,
                 .up = up};
     }
-    /// The way of a mesh to its file.
+    /// The sink of a mesh for this file: it adds the fields, if there are any.
     [[nodiscard]] std::unique_ptr<MeshSink> with_fields(std::unique_ptr<MeshSink> file) const {
         return fields != nullptr ? fields->sink(std::move(file)) : std::move(file);
     }

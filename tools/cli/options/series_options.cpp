@@ -24,7 +24,7 @@ namespace {
 constexpr const char* kOption = "--times";
 constexpr std::string_view kTime = "{time}";
 constexpr std::string_view kStep = "{step}";
-/// Times are sums of steps that are not exact in binary.
+/// Times are compared with this tolerance, since sums of steps are not exact in binary.
 constexpr double kRounding = 1e-9;
 
 std::optional<double> number_in(const std::string& text) {
@@ -191,7 +191,7 @@ void replace_all(std::string& text, std::string_view place, const std::string& b
     }
 }
 
-/// Removes each occurrence, with the separator before it, or at the start of a name the one behind.
+/// Removes each occurrence with the separator before it or, at the start of a name, the one after.
 void remove_all(std::string& name, std::string_view place) {
     constexpr std::string_view kSeparators = "_-. ";
     for (std::size_t at = name.find(place); at != std::string::npos; at = name.find(place)) {

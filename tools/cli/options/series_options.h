@@ -29,11 +29,13 @@ std::vector<double> times_of(const NewTimes& times, std::size_t steps);
 // The choice of steps: --times of commands that read a series.
 
 /// The numbers of the steps that `text` selects: "T,T,..." these times, "START:STOP" all from START
-/// to STOP, "START:STOP:STEP" of those the first at or after START, START + STEP, START + 2 STEP,
-/// ...; START and STOP may be empty. An empty text selects all. Throws Error{invalid_argument} for
-/// other texts, times that do not occur (naming the nearest one), and if nothing is selected.
+/// to STOP, "START:STOP:STEP" the first of those in each interval that begins at START, START +
+/// STEP, START + 2 STEP, ...; START and STOP may be empty. An empty text selects all. Throws
+/// Error{invalid_argument} for other texts, times that do not occur (naming the nearest one), and
+/// if nothing is selected.
 std::vector<std::size_t> chosen_steps(const Series& series, const std::string& text);
-/// Throws Error{invalid_argument} if `text` is not empty: --times is given for what is no series.
+/// For an INPUT that is not a series: throws Error{invalid_argument} unless `text` (--times) is
+/// empty.
 void require_no_times(const std::string& text, const std::string& input);
 
 /// "3", "0.25": the fewest digits that read back as the same number.
@@ -46,10 +48,10 @@ std::string time_suffix(const std::optional<std::string>& unit);
 /// The name of a step's file: {time} and {step} in `name` are replaced by the step's time and its
 /// number in six digits. A name without them is returned unchanged.
 std::string name_of_step(const std::string& name, const Series& series, std::size_t step);
-/// Throws Error{invalid_argument} unless the file name, and no folder in it, has {time} or {step}.
+/// Throws Error{invalid_argument} unless {time} or {step} is in the file name, and in no folder.
 void require_place_for_step(const std::string& name);
 
-/// A file that ParaView opens in place of the files of all steps.
+/// A file that ParaView opens instead of the files of all steps.
 struct StepsIndex {
     std::filesystem::path name;  ///< "s.pvd" for s_{time}.vtp, "s.ply.series" for s_{time}.ply
     struct Entry {

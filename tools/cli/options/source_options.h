@@ -11,7 +11,7 @@
 
 namespace isonest::detail::cli {
 
-/// The parts of a text between the characters `at`; at least one.
+/// The parts of a text that is split at each character `at`; at least one part.
 std::vector<std::string> items_of(const std::string& text, char at);
 
 /// Parses the value of --type; the inverse of name_of(ValueType). Throws Error{invalid_argument}.

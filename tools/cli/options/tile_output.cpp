@@ -93,8 +93,8 @@ LabelColor color_of(const VertexColors& colors, double value) {
     return colors.map[static_cast<std::size_t>(std::lround(std::clamp(part, 0.0, 1.0) * last))];
 }
 
-/// Objects with the names and colours of the features. Colours by isovalue become theirs, in place
-/// of colours of vertices.
+/// Objects with the names and colours of the features. Colours by isovalue become colours of the
+/// objects, and the vertices get none.
 std::vector<MeshObject> objects_of(const std::vector<TileFeature>& features,
                                    MeshFileOptions& options) {
     std::vector<MeshObject> objects;

@@ -48,8 +48,7 @@ class MeshOutput {
     /// The destination of the only mesh, or of that of a feature. Thread-safe for features.
     std::unique_ptr<MeshSink> sink(std::size_t feature = 0);
     /// After the extraction: writes the tiles or the objects, and adds what was written to the
-    /// result. `r`: the report on the mesh; if there are several, any of them with the largest
-    /// distance.
+    /// result. `r`: the report on the mesh; if there are several, one with the largest distance.
     void finish(const ExtractReport& r, Progress& progress, Result& result);
 
   private:
@@ -57,8 +56,8 @@ class MeshOutput {
     MeshFileOptions file_;
     VertexFields* fields_;  ///< null: none
     std::string unit_;
-    std::unique_ptr<Tileset> tileset_;            ///< null: a file
-    std::unique_ptr<MeshCollection> collection_;  ///< null: of one mesh
+    std::unique_ptr<Tileset> tileset_;            ///< null if a file is written
+    std::unique_ptr<MeshCollection> collection_;  ///< null unless a file of several objects
 };
 
 }  // namespace isonest::detail::cli

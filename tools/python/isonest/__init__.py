@@ -52,8 +52,9 @@ def open(path: "os.PathLike[str] | str", *, headers: Headers = None,
 def open_series(path: "os.PathLike[str] | str") -> Series:
     """Opens the folder of a series, which `isonest preprocess --times` makes: a store for each step in time.
 
-    ``series[3]`` and ``series.at(0.5)`` open a store, iteration all of them one after the other, and ``series.times`` has the
-    times. Steps that are added later are seen by opening the series again. Raises subclasses of :class:`isonest.Error`.
+    ``series[3]`` and ``series.at(0.5)`` open a store, iterating over the series opens one store after the other, and
+    ``series.times`` has the times. Steps that are added later are seen by opening the series again. Raises subclasses of
+    :class:`isonest.Error`.
     """
     return Series(path)
 

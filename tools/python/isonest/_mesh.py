@@ -93,7 +93,7 @@ class Mesh:
 
     @property
     def field_bounds(self) -> "dict[str, float]":
-        """How far linear interpolation on a face is from the quantity, at most; proven for all faces that have no missing
+        """By quantity, a bound on the error of linear interpolation on a face; proven for all faces that have no missing
         values near them."""
         return dict(self._field_bounds)
 
@@ -155,10 +155,10 @@ class Mesh:
 
     def with_values(self, values: "Mapping[str, Store | Sequence[Store]]", *, memory: Bytes = "1G", threads: int = 0,
                     progress: Progress = None) -> "Mesh":
-        """The same mesh with the values of other stores at its vertices; shares the memory.
+        """The same mesh with the values of other stores at its vertices. Both share the memory of their arrays.
 
         values: a store per name, or three for the x, y and z components of a vector. Each vertex gets the value at its
-            own place in the world, so the stores can have any lattice. Between their nodes they are trilinear.
+            position in the world, so the stores can have any lattice. Between their nodes they are trilinear.
         memory, threads, progress: as for :meth:`Store.isosurface`.
 
         The values are in :attr:`fields`, and in files that :meth:`save` writes; :attr:`field_bounds` has their errors

@@ -55,8 +55,8 @@ class Series:
         return (Store(path) for path in self._core.stores)
 
     def at(self, time: float) -> Store:
-        """Opens the store of the step at this time. Raises :class:`isonest.NotFoundError`, which names the nearest time, if there
-        is none."""
+        """Opens the store of the step at this time. If there is none, raises :class:`isonest.NotFoundError`, which names the
+        nearest time."""
         times = self.times
         nearest = int(np.argmin(np.abs(times - time))) if len(times) else 0
         if not len(times) or not math.isclose(times[nearest], time, rel_tol=1e-9):
