@@ -174,8 +174,8 @@ void MeshCollection::finish(Progress& progress) {
         }
     }
     progress.begin("write mesh", triangles, "triangles");
-    const std::span<const std::byte> all = parts_->end > 0 ? parts_->scratch.map(parts_->end)
-                                                           : std::span<std::byte>{};
+    const std::span<const std::byte> all =
+        parts_->end > 0 ? parts_->scratch.map(parts_->end) : std::span<std::byte>{};
     parts_->file->begin_all(std::move(objects));
     for (std::size_t i = 0; i < from.size(); ++i) {
         parts_->file->begin_object(i);

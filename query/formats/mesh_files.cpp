@@ -489,6 +489,30 @@ AnatomicalFrame frame_in_file(AnatomicalFrame frame, MeshSpace space,
     return wanted;
 }
 
+namespace {
+
+/// Throws Error{invalid_argument} if the names of two attributes are the same in some format, which
+/// ignores case or adds the axis to the name of a component.
+void require_different_names(const MeshLayout& layout, const std::filesystem::path& path) {
+    std::vector<std::string> names;
+    for (const VertexAttribute& attribute : layout.attributes) {
+        const std::string name = semantic_of(attribute);
+        names.push_back(name);
+        if (attribute.components > 1 && !is_of_extraction(attribute)) {
+            names.insert(names.end(), {name + "_X", name + "_Y", name + "_Z"});
+        }
+    }
+    std::sort(names.begin(), names.end());
+    if (const auto twice = std::adjacent_find(names.begin(), names.end()); twice != names.end()) {
+        throw Error(ErrorKind::invalid_argument, {path.string()},
+                    fmt::format("two attributes of the vertices have the name {} (upper and lower "
+                                "case are the same in some formats)",
+                                twice->substr(1)));
+    }
+}
+
+}  // namespace
+
 void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) {
     check_output(path_, options_.replace, {inputs.begin(), inputs.end()});
     frame_in_file(layout.frame, options_.space, path_);
@@ -511,9 +535,10 @@ void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem
         std::find_if_not(layout.attributes.begin(), layout.attributes.end(), is_of_extraction);
     if (field != layout.attributes.end() && !holds_fields()) {
         throw Error(ErrorKind::invalid_argument, {path_.string()},
-                    fmt::format("the format has no place for {} at the vertices", field->name),
+                    fmt::format("the format cannot store {} at the vertices", field->name),
                     {{RemedyKind::other_format, ".ply, .vtp, .vtkhdf, .glb"}});
     }
+    require_different_names(layout, path_);
     const bool turns =
         sign_between(layout.frame, frame_in_file(layout.frame, options_.space, path_)) < 0;
     const auto vector =
@@ -521,8 +546,8 @@ void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem
                      [](const auto& a) { return !is_of_extraction(a) && a.components > 1; });
     if (turns && vector != layout.attributes.end()) {
         throw Error(ErrorKind::invalid_argument, {path_.string()},
-                    fmt::format("the vectors of {} are in {} coordinates, and the file would be in "
-                                "{}: write the mesh in the coordinates as stored",
+                    fmt::format("the vectors of {} are in {} coordinates, but the file would be in "
+                                "{}: write the mesh with the space as-stored",
                                 vector->name, name_of(layout.frame),
                                 name_of(frame_in_file(layout.frame, options_.space, path_))));
     }

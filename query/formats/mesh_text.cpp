@@ -282,6 +282,9 @@ class ThreeMfFile : public MeshFile {
     }
 
     void add_vertices(const VertexBatch& batch) override {
+        if (objects_.empty()) {
+            return;  // vertices without triangles
+        }
         if (is_turned()) {
             std::vector<std::array<float, 3>> positions(batch.positions.size());
             std::transform(batch.positions.begin(), batch.positions.end(), positions.begin(),

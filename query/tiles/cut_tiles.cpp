@@ -215,11 +215,12 @@ void TileCutter::prepare(const MeshLayout& layout,
     const VertexAttribute* const kept = main_scalar(layout);
     for (const VertexAttribute& attribute : layout.attributes) {
         if (!is_of_extraction(attribute) && &attribute != kept) {
-            throw Error(ErrorKind::invalid_argument,
-                        fmt::format("the vertices of 3D Tiles have one number each, so that there "
-                                    "is no place for {}",
-                                    attribute.name),
-                        {{RemedyKind::other_format, ".ply, .vtp, .vtkhdf, .glb"}});
+            throw Error(
+                ErrorKind::invalid_argument,
+                fmt::format(
+                    "the vertices of 3D Tiles have only one number each, so {} cannot be stored",
+                    attribute.name),
+                {{RemedyKind::other_format, ".ply, .vtp, .vtkhdf, .glb"}});
         }
     }
 }

@@ -88,6 +88,7 @@ class TileCutter : public MeshSink {
     void add_vertices(const VertexBatch& /*batch*/) override {}
     void add_elements(const ElementBatch& batch) override;
     [[nodiscard]] bool again() override;
+    [[nodiscard]] bool holds_float64() const override { return false; }
     void end() override { normals_.reset(); }
 
   private:

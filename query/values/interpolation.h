@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -26,7 +27,13 @@ class Interpolation {
           steps_(header_.steps()),
           level_(options.level),
           cells_(layout.lattice().cells_at(level_)),
-          is_linear_(options.cells == Cells::tetrahedra) {}
+          is_linear_(options.cells == Cells::tetrahedra) {
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            Double3 unit{};
+            unit[axis] = 1;
+            unit_steps_[axis] = steps_.steps_of(unrotated(rotation_, unit));
+        }
+    }
 
     /// The place of a point in its cell.
     struct Place {
@@ -39,14 +46,31 @@ class Interpolation {
         return steps_.steps_of(
             unrotated(rotation_, {point[0] - o[0], point[1] - o[1], point[2] - o[2]}));
     }
-    /// nullopt outside the volume.
-    [[nodiscard]] std::optional<Place> place_of(const Double3& point) const {
+    /// How far, in steps along each axis, the vertex of a mesh in float32 may be from the place
+    /// that it was made for, at the border of the volume for example.
+    [[nodiscard]] Double3 slack_of_float(const Double3& point) const {
+        // Coordinates are rounded to 24 bits. A vertex may also have been moved by a few units in
+        // the last place, to give a triangle an area.
+        constexpr double kRounding = 0x1p-22;
+        Double3 slack{};
+        for (std::size_t a = 0; a < 3; ++a) {
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                slack[a] += kRounding * std::fabs(point[axis] * unit_steps_[axis][a]);
+            }
+        }
+        return slack;
+    }
+    /// nullopt outside the volume. Points outside by at most `slack` steps along each axis are
+    /// moved to the border.
+    [[nodiscard]] std::optional<Place> place_of(const Double3& point,
+                                                const Double3& slack = {}) const {
         constexpr double kRounding = 0x1p32;
         Double3 steps = steps_at(point);
         for (std::size_t a = 0; a < 3; ++a) {
             const int axis = static_cast<int>(a);
             steps[a] = std::nearbyint(steps[a] * kRounding) / kRounding;
-            if (!(steps[a] >= 0 && steps[a] <= static_cast<double>(header_.nodes[axis] - 1))) {
+            const double last = static_cast<double>(header_.nodes[axis] - 1);
+            if (!(steps[a] >= -slack[a] && steps[a] <= last + slack[a])) {
                 return std::nullopt;
             }
         }
@@ -101,6 +125,7 @@ class Interpolation {
     int level_;
     Int3 cells_;
     bool is_linear_;
+    std::array<Double3, 3> unit_steps_{};  ///< steps of a unit of length along each world axis
 };
 
 }  // namespace isonest::detail

@@ -31,6 +31,12 @@ class LinearBound {
                             const std::array<double, 3>& values, const Function& f);
 
   private:
+    /// At most so many corners are kept for the fit.
+    static constexpr std::size_t kMaxCorners = std::size_t{1} << 16U;
+    /// The bound, or NaN if it is beyond the range of numbers.
+    static double finite(double bound) {
+        return std::isfinite(bound) ? bound : std::numeric_limits<double>::quiet_NaN();
+    }
     /// Points x with direction . x <= most.
     struct HalfSpace {
         Double3 direction;
@@ -104,34 +110,51 @@ double LinearBound::of(const std::array<Double3, 3>& triangle, const std::array<
         }
     }
     set_box(triangle);
+    constexpr double kSlack = 1e-6;
+    bool is_large = false;
     corners_.clear();
     double low = std::numeric_limits<double>::infinity();
     double high = -low;
+    const std::vector<double>& xs = planes_[0];
     for (const double z : planes_[2]) {
         for (const double y : planes_[1]) {
-            for (const double x : planes_[0]) {
-                const Double3 point{x, y, z};
-                const bool is_away = std::any_of(
-                    half_spaces_.begin(), half_spaces_.end(),
-                    [&](const HalfSpace& h) { return dot(h.direction, point) > h.most; });
-                if (is_away) {
-                    continue;
+            // The half spaces leave an interval of the row.
+            double from = xs.front();
+            double to = xs.back();
+            for (const HalfSpace& h : half_spaces_) {
+                constexpr double kParallel = 1e-12;
+                const double left = h.most - h.direction[1] * y - h.direction[2] * z;
+                if (h.direction[0] > kParallel) {
+                    to = std::min(to, left / h.direction[0] + kSlack);
+                } else if (h.direction[0] < -kParallel) {
+                    from = std::max(from, left / h.direction[0] - kSlack);
+                } else if (left < -kSlack) {
+                    from = std::numeric_limits<double>::infinity();
                 }
+            }
+            for (auto x = std::lower_bound(xs.begin(), xs.end(), from); x != xs.end() && *x <= to;
+                 ++x) {
+                const Double3 point{*x, y, z};
                 const double value = f(point);
                 if (!std::isfinite(value)) {
                     return std::numeric_limits<double>::quiet_NaN();
                 }
-                const Double3 d = minus(point, triangle[0]);
-                corners_.push_back({value - values[0] - dot(slope, d), dot(normal, d)});
                 low = std::min(low, value);
                 high = std::max(high, value);
+                // For a triangle across many cells the range of values has to do.
+                if (corners_.size() < kMaxCorners) {
+                    const Double3 d = minus(point, triangle[0]);
+                    corners_.push_back({value - values[0] - dot(slope, d), dot(normal, d)});
+                } else {
+                    is_large = true;
+                }
             }
         }
     }
     // f lies between its values at the corners, L between those at the triangle's corners.
     const auto [least, most] = std::minmax({values[0], values[1], values[2]});
-    const double by_range = std::max(high - least, most - low);
-    if (size == 0) {
+    const double by_range = finite(std::max(high - least, most - low));
+    if (!(size > 0) || is_large) {
         return by_range;
     }
     double products = 0;
@@ -143,17 +166,25 @@ double LinearBound::of(const std::array<Double3, 3>& triangle, const std::array<
     const double across = squares > 0 ? products / squares : 0;
     double worst = 0;
     for (const Corner& corner : corners_) {
-        worst = std::max(worst, std::fabs(corner.difference - across * corner.height));
+        const double here = std::fabs(corner.difference - across * corner.height);
+        worst = here <= worst ? worst : here;  // NaN stays
     }
     // How far A is from L at the triangle's corners, because of rounding.
     double rounding = 0;
     for (std::size_t i = 1; i < 3; ++i) {
         const Double3 d = minus(triangle[i], triangle[0]);
         const double at = dot(slope, d) + across * dot(normal, d);
-        rounding = std::max(rounding, std::fabs(values[0] + at - values[i]));
+        const double here = std::fabs(values[0] + at - values[i]);
+        rounding = here <= rounding ? rounding : here;
     }
-    constexpr double kArithmetic = 1 + 1e-12;
-    return std::min(by_range, (worst + rounding) * kArithmetic);
+    // Of the arithmetic above, in which numbers as large as the values cancel.
+    constexpr double kEpsilons = 64 * std::numeric_limits<double>::epsilon();
+    const double arithmetic =
+        kEpsilons *
+        (std::max({std::fabs(low), std::fabs(high), std::fabs(least), std::fabs(most)}) + worst +
+         rounding);
+    const double fitted = worst + rounding + arithmetic;
+    return std::isfinite(fitted) ? std::min(by_range + arithmetic, fitted) : by_range;
 }
 
 }  // namespace isonest::detail

@@ -53,6 +53,8 @@ class Quantity {
     [[nodiscard]] double tolerance() const { return tolerance_; }
     [[nodiscard]] std::filesystem::path path() const { return store_.path(); }
     [[nodiscard]] NodeSampler sampler() { return NodeSampler(cache_); }
+    /// The place of a vertex; nothing outside the volume.
+    [[nodiscard]] auto place_of(const std::array<float, 3>& vertex) const;
 
     /// Fetches the chunks around these points ahead, if the store is remote.
     void prefetch(std::span<const std::array<float, 3>> points);
@@ -76,6 +78,11 @@ Double3 in_double(const std::array<float, 3>& p) {
     return {static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2])};
 }
 
+auto Quantity::place_of(const std::array<float, 3>& vertex) const {
+    const Double3 point = in_double(vertex);
+    return interpolation_.place_of(point, interpolation_.slack_of_float(point));
+}
+
 void Quantity::prefetch(std::span<const std::array<float, 3>> points) {
     if (!store_.is_remote()) {
         return;
@@ -83,7 +90,7 @@ void Quantity::prefetch(std::span<const std::array<float, 3>> points) {
     const ArrayInfo& array = store_.layout().array(0, Field::values);
     ChunkNeeds needs;
     for (const std::array<float, 3>& point : points) {
-        const auto place = interpolation_.place_of(in_double(point));
+        const auto place = place_of(point);
         if (!place) {
             continue;
         }
@@ -236,7 +243,7 @@ void FieldSink::fill(const Entry& field, const VertexAttribute& attribute, const
         parts_.for_parts(batch.positions.size(), [&](std::size_t begin, std::size_t end) {
             NodeSampler nodes = quantity.sampler();
             for (std::size_t i = begin; i < end; ++i) {
-                const auto place = interpolation.place_of(in_double(batch.positions[i]));
+                const auto place = quantity.place_of(batch.positions[i]);
                 const double value = place ? interpolation.value(nodes, *place)
                                            : std::numeric_limits<double>::quiet_NaN();
                 if (std::isnan(value)) {
@@ -246,6 +253,13 @@ void FieldSink::fill(const Entry& field, const VertexAttribute& attribute, const
                 if (attribute.is_double) {
                     std::memcpy(at + c * sizeof(double), &value, sizeof(value));
                 } else {
+                    if (std::fabs(value) > static_cast<double>(std::numeric_limits<float>::max())) {
+                        throw Error(ErrorKind::limit, {quantity.path().string()},
+                                    fmt::format("the values for {} are beyond the range of the "
+                                                "mesh's 32-bit floats",
+                                                field.report.name),
+                                    {{RemedyKind::other_format, ".ply, .vtp, .vtkhdf"}});
+                    }
                     const auto rounded = static_cast<float>(value);
                     std::memcpy(at + c * sizeof(float), &rounded, sizeof(rounded));
                 }
@@ -292,10 +306,12 @@ void FieldSink::measure(const ElementBatch& batch) {
                     }
                 }
             }
+            const auto unknown =
+                static_cast<std::uint64_t>(std::count(is_unknown.begin(), is_unknown.end(), '\1'));
             const std::lock_guard lock(parts_.mutex);
             field.report.linear_bound = std::max(field.report.linear_bound, worst);
-            field.report.unbounded_elements +=
-                static_cast<std::uint64_t>(std::count(is_unknown.begin(), is_unknown.end(), '\1'));
+            field.report.unbounded_elements += unknown;
+            field.report.bounded_elements += is_unknown.size() - unknown;
         });
     }
 }
@@ -360,10 +376,11 @@ VertexFields::VertexFields(std::vector<VertexField> fields, const ReadOptions& o
     }
     std::sort(names.begin(), names.end());
     if (const auto twice = std::adjacent_find(names.begin(), names.end()); twice != names.end()) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("two vertex values, or their components, are called {} (upper and "
-                                "lower case are the same in some formats)",
-                                *twice));
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("two vertex values, or components of them, have the name {} (upper and "
+                        "lower case are the same in some formats)",
+                        *twice));
     }
     int threads = detail::Workers::count_of(options.threads);
     for (const Store* const store : stores) {

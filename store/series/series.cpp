@@ -64,7 +64,7 @@ std::string text_of_file(const std::filesystem::path& path) {
     }
     const auto size = static_cast<std::uint64_t>(std::max<off_t>(status.st_size, 0));
     if (size > kMaxIndexBytes) {
-        corrupt(path, fmt::format("is too large for the index of a series: {} bytes", size));
+        corrupt(path, fmt::format("is too large to be the index of a series: {} bytes", size));
     }
     std::string text(static_cast<std::size_t>(size), '\0');
     if (!detail::pread_whole(file.get(), 0, std::as_writable_bytes(std::span(text)))) {
@@ -77,7 +77,7 @@ std::string text_in(const Json& object, const char* key, const std::filesystem::
                     const std::string& inside) {
     const auto found = object.find(key);
     if (found == object.end() || !found->is_string()) {
-        corrupt(index, fmt::format("'{}' has to be a text", key), inside);
+        corrupt(index, fmt::format("'{}' has to be a string", key), inside);
     }
     return found->get<std::string>();
 }
@@ -148,7 +148,7 @@ Series::Series(std::filesystem::path folder) : folder_(without_last_slash(std::m
     try {
         json = Json::parse(text_of_file(index));
     } catch (const Json::exception& error) {
-        corrupt(index, fmt::format("is not valid JSON ({})", error.what()));
+        corrupt(index, fmt::format("is not valid JSON ({:.200})", error.what()));
     }
     if (!json.is_object() || !json.contains("format") || json["format"] != kFormat) {
         corrupt(index,
@@ -156,13 +156,13 @@ Series::Series(std::filesystem::path folder) : folder_(without_last_slash(std::m
     }
     const auto version = json.find("version");
     if (version == json.end() || !version->is_number_integer() || *version < 1) {
-        corrupt(index, "'version' has to be a whole number from 1 on");
+        corrupt(index, "'version' has to be a whole number of at least 1");
     }
     if (*version > kVersion) {
-        throw Error(ErrorKind::unsupported, {index.string()},
-                    fmt::format("is of version {}; this program reads version {}", version->dump(),
-                                kVersion),
-                    {{RemedyKind::newer_version}});
+        throw Error(
+            ErrorKind::unsupported, {index.string()},
+            fmt::format("has version {}; this program reads version {}", version->dump(), kVersion),
+            {{RemedyKind::newer_version}});
     }
     const auto unit = json.find("time_unit");
     if (unit != json.end() && !unit->is_null()) {
@@ -178,17 +178,16 @@ Series::Series(std::filesystem::path folder) : folder_(without_last_slash(std::m
         SeriesStep step = step_of((*steps)[i], index, inside);
         if (!steps_.empty() && !(step.time > steps_.back().time)) {
             corrupt(index,
-                    fmt::format("its time {} is not after that of the step before, {}", step.time,
-                                steps_.back().time),
+                    fmt::format("its time, {}, is not later than that of the step before, {}",
+                                step.time, steps_.back().time),
                     inside);
         }
         if (!names.insert(step.store).second) {
             corrupt(index, fmt::format("the store '{}' occurs twice", step.store), inside);
         }
         if (!is_regular(folder_ / step.store)) {
-            throw Error(
-                ErrorKind::not_found, {(folder_ / step.store).string()},
-                fmt::format("is missing: it is {} of the series, time {}", inside, step.time));
+            throw Error(ErrorKind::not_found, {(folder_ / step.store).string()},
+                        fmt::format("is missing ({} of the series, time {})", inside, step.time));
         }
         steps_.push_back(std::move(step));
     }
@@ -202,7 +201,7 @@ void require_no_series(const std::filesystem::path& path) {
     throw Error(
         ErrorKind::invalid_argument, {path.string()},
         series.steps().empty()
-            ? "is a series of stores without any steps yet"
+            ? "is a series that has no steps yet"
             : fmt::format("is a series of {} stores, one for each step in time; give the "
                           "store of one step, such as {}",
                           series.steps().size(), series.store(series.steps().size() - 1).string()));
@@ -218,7 +217,8 @@ SeriesWriter::SeriesWriter(Series series, int lock, bool is_new)
 SeriesWriter::SeriesWriter(SeriesWriter&& other) noexcept
     : series_(std::move(other.series_)),
       lock_(std::exchange(other.lock_, -1)),
-      is_new_(std::exchange(other.is_new_, false)) {}
+      is_new_(std::exchange(other.is_new_, false)),
+      made_folder_(other.made_folder_) {}
 
 SeriesWriter::~SeriesWriter() {
     if (lock_ < 0) {
@@ -226,7 +226,9 @@ SeriesWriter::~SeriesWriter() {
     }
     if (is_new_ && series_.steps_.empty()) {
         ::unlink((series_.folder_ / kIndex).c_str());
-        ::rmdir(series_.folder_.c_str());  // fails if an interrupted step is kept
+        if (made_folder_) {
+            ::rmdir(series_.folder_.c_str());  // fails if an interrupted step is kept
+        }
     }
     ::close(lock_);
 }
@@ -234,7 +236,8 @@ SeriesWriter::~SeriesWriter() {
 SeriesWriter SeriesWriter::create(const std::filesystem::path& folder,
                                   const std::optional<std::string>& time_unit) {
     const std::filesystem::path path = without_last_slash(folder);
-    if (::mkdir(path.c_str(), 0777) != 0) {
+    const bool is_made = ::mkdir(path.c_str(), 0777) == 0;
+    if (!is_made) {
         const int error = errno;
         if (error == ENOENT) {
             throw Error(ErrorKind::not_found, {path.parent_path().string()},
@@ -251,12 +254,18 @@ SeriesWriter SeriesWriter::create(const std::filesystem::path& folder,
             });
         if (!is_free) {
             throw Error(ErrorKind::invalid_argument, {path.string()},
-                        is_series(path) ? "the series exists already"
+                        is_series(path) ? "the series already exists"
                                         : "exists, and is not an empty folder",
                         {{RemedyKind::other_name}});
         }
     }
     SeriesWriter writer(Series(path, time_unit), locked(path), true);
+    writer.made_folder_ = is_made;
+    if (is_series(path)) {
+        writer.is_new_ = false;  // another process was faster
+        throw Error(ErrorKind::invalid_argument, {path.string()}, "the series already exists",
+                    {{RemedyKind::other_name}});
+    }
     writer.write();
     return writer;
 }
@@ -295,10 +304,11 @@ void SeriesWriter::add(double time, const std::string& source) {
                     fmt::format("the time of a step has to be a finite number, not {}", time));
     }
     if (!series_.steps_.empty() && !(time > series_.steps_.back().time)) {
-        throw Error(ErrorKind::invalid_argument, {series_.folder_.string()},
-                    fmt::format("a step is added after the last one, whose time is {}, and not at "
-                                "{}",
-                                series_.steps_.back().time, time));
+        throw Error(
+            ErrorKind::invalid_argument, {series_.folder_.string()},
+            fmt::format("a new step has to be later than the last one, at time {}; its time "
+                        "is {}",
+                        series_.steps_.back().time, time));
     }
     if (!is_regular(store)) {
         throw Error(ErrorKind::not_found, {store.string()}, "the store of the step is missing");

@@ -180,6 +180,7 @@ class MeshCollectionTest(unittest.TestCase):
     def test_other_names_and_inputs_are_refused(self):
         extract = ("extract", "labels.isonest", "--labels", "all", "-o")
         self.assertIn(".3mf", self.run_program(*extract, "new.ply", code=2))
+        self.assertIn("--over", self.run_program(*extract, "new.glb", "--over", "zarr", code=2))
         self.run_program(*extract, "labels.isonest", code=2)
         self.assertIn("glb", self.run_program("extract", "ball.isonest", "--iso", "4,6", "-o", "two.stl", code=2))
         # A folder that exists stays a folder.

@@ -156,6 +156,26 @@ class VertexValuesTest(unittest.TestCase):
         self.assertGreaterEqual(reports["h"]["unbounded_triangles"], np.isnan(at)[faces].any(1).sum())
         self.assertLess(reports["h"]["unbounded_triangles"], len(faces))
 
+    def test_vertices_on_the_border_keep_their_values_although_their_positions_are_rounded(self):
+        z, y, x = grid((15, 16, 17))
+        for directions in (np.eye(3), TURN):
+            own = Field((x + 2 * y + 3 * z).astype("f4"), (0.7, 0.7, 0.7), (-123.4, -87.3, 55.1), directions)
+            self.store("own", own, "--force")
+            rows, faces, reports = self.extract("--vertex-values", "v=own.isonest", "--close", source="own.isonest", iso=("--iso", "40"))
+            self.assertEqual((reports["v"]["missing_vertices"], reports["v"]["unbounded_triangles"]), (0, 0))
+            self.assertLess(np.abs(rows["v"]).max(), 100)
+
+    def test_values_beyond_the_numbers_of_the_mesh_are_refused_and_have_no_bound(self):
+        z, y, x = grid((21, 26, 31))
+        self.store("huge", Field(1e39 * (1 + x * y)))
+        error = self.run_program("extract", "shape.isonest", "--iso", "8.5", "--vertex-values", "h=huge.isonest", "-o", "h.glb", code=7)
+        self.assertIn("32-bit", error)
+        self.assertGreater(self.extract("--vertex-values", "h=huge.isonest")[2]["h"]["linear_bound"], 1e38)
+        self.store("extreme", Field(np.where(x % 2 > 0, 1.7e308, -1.7e308)))
+        fields = self.extract("--vertex-values", "h=extreme.isonest")[2]["h"]
+        self.assertGreater(fields["linear_bound"], 1e307)
+        self.assertGreater(fields["unbounded_triangles"], 0)  # where the bound itself is beyond float64
+
     def test_the_bound_is_for_the_values_before_they_were_rounded(self):
         self.store("rounded", self.noise, "--tolerance", "8")
         rows, faces, reports = self.extract("--vertex-values", "n=rounded.isonest")
@@ -224,8 +244,9 @@ class VertexValuesTest(unittest.TestCase):
         rows = self.extract("--vertex-values", "n=noise.isonest", iso=("--iso", "7,8.5"))[0]
         self.assertEqual(set(rows["isovalue"]), {7, 8.5})
         np.testing.assert_allclose(rows["n"], self.noise.at(self.points(rows)), rtol=3e-6, atol=1e-5)
-        self.run_program("extract", "shape.isonest", "--iso", "8.5", "--vertex-values", "n=noise.isonest", "--colors", "gray",
-                         "--format", "3dtiles", "-o", "site")
+        report = json.loads(self.run_program("extract", "shape.isonest", "--iso", "8.5", "--vertex-values", "n=noise.isonest",
+                                             "--colors", "gray", "--format", "3dtiles", "-o", "site", "--json"))
+        self.assertIsNone(report["vertex_fields"][0]["linear_bound"])
         tile = next((self.folder / "site").rglob("*.glb")).read_bytes()
         self.assertIn(b'"_N":', tile)
         self.assertIn(b'"COLOR_0":', tile)

@@ -60,6 +60,10 @@ def test_names_and_numbers_of_components_are_checked(fields):
     mesh = ball.isosurface(7.5).with_values({"a": ball})
     with pytest.raises(ValueError, match="'a'"):
         mesh.with_values({"a": ball})
+    for names in ({"A": ball}, {"a_x": ball}):  # the same as a, or as a component of it, in some formats
+        vector = ball.isosurface(7.5).with_values({"a": (ball, ball, ball)}).with_values(names)
+        with pytest.raises(isonest.InvalidArgumentError, match="A"):
+            vector.save(fields / "never.ply")
     with pytest.raises(isonest.InvalidArgumentError, match="something else"):
         mesh.with_values({"normal": ball})
     with pytest.raises(isonest.InvalidArgumentError, match="components"):

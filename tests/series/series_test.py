@@ -121,6 +121,27 @@ class Making(Case):
         self.assertNotEqual(run("preprocess", *files, self.here / "own_3.nrrd", "-o", self.here / "other").returncode, 0)
         self.assertFalse((self.here / "other").exists())
 
+    def test_names_whose_numbers_are_no_times(self):
+        for name in ("2020-02-02", "2020-01-31", "c2.9", "c2.10"):
+            write_nrrd(self.here / f"{name}.nrrd", ball(3))
+        made = report("preprocess", self.here / "2020-01-31.nrrd", self.here / "2020-02-02.nrrd", "-o", self.here / "dates")
+        self.assertEqual(([step["time"] for step in made["steps"]], made["times_from"]), ([0, 1], "counted from 0"))
+        self.assertIn("2020-01-31", made["steps"][0]["input"])
+        self.refused(2, "--times", "preprocess", self.here / "c2.9.nrrd", self.here / "c2.10.nrrd", "-o", self.here / "c")
+
+    def test_large_times_are_not_mistaken_for_their_neighbours(self):
+        first = 1_700_000_000
+        inputs = self.inputs(4)
+        ok("preprocess", *inputs, "--times", ",".join(str(first + 1 + i) for i in (0, 2, 3, 4)), "-o", self.here / "run")
+        chosen = lambda times: [step["time"] - first for step in  # noqa: E731
+                                report("extract", self.here / "run", "--iso", "0.5", "--times", times, "-o", self.here / "m_{step}.ply")["steps"]]
+        self.refused(2, "nearest", "extract", self.here / "run", "--iso", "0.5", "--times", first + 2, "-o", self.here / "m_{step}.ply")
+        self.assertEqual(chosen(f"{first + 1}"), [1])
+        self.assertEqual(chosen(f"{first + 1}:{first + 2}"), [1])
+        self.assertEqual(chosen(f"{first + 3}:{first + 4}"), [3, 4])
+        for times in (":-5", "1e20::1", "0:1e300:1e-300"):
+            self.refused(2, "--times", "preprocess", *inputs, f"--times={times}", "-o", self.here / "other")
+
     def test_times_from_names_are_sorted(self):
         for i in (10, 9, 0.5):
             write_nrrd(self.here / f"t{i}.nrrd", ball(3))
@@ -287,7 +308,7 @@ class Appending(Case):
         inputs = self.inputs()
         series = self.here / "run"
         ok("preprocess", inputs[0], inputs[2], "--times", "auto", "-o", series)
-        self.refused(2, ("before that of the last step", "2 steps are complete"), "preprocess", inputs[1], "--append", "-o", series)
+        self.refused(2, ("earlier than that of the last step", "2 steps are complete"), "preprocess", inputs[1], "--append", "-o", series)
 
     def test_counted_times_continue(self):
         for name in "abcd":
@@ -421,7 +442,7 @@ class Reading(Case):
     def test_names_without_a_place(self):
         series = self.series()
         self.refused(2, "mesh_{time}.vtp", "extract", series, "--iso", "0.5", "-o", self.here / "mesh.vtp")
-        self.refused(2, "not of its folder", "extract", series, "--iso", "0.5", "-o", self.here / "{time}/mesh.vtp")
+        self.refused(2, "not in that of its folder", "extract", series, "--iso", "0.5", "-o", self.here / "{time}/mesh.vtp")
         self.refused(2, "film_{time}.png", "slice", series, "--plane", "0,0,1,4", "-o", self.here / "film.png")
         self.assertEqual(list(self.here.glob("*.vtp")), [])
 
@@ -503,8 +524,8 @@ class Reading(Case):
             (4, "format", []), (4, "format", {}), (4, "format", {**good, "format": "other"}), (4, "version", {**good, "version": "1"}),
             (4, "version", {**good, "version": 0}), (5, "version 2", {**good, "version": 2}), (4, "steps", {**good, "steps": {}}),
             (4, "time_unit", {**good, "time_unit": 3}), (4, "step 0", {**good, "steps": [7]}), (4, "store", without("store")), (4, "time", without("time")),
-            (4, "time", with_step(time="1")), (4, "time", with_step(time=None)), (4, "step 1: its time 0 is not after", with_step(time=0)),
-            (4, "step 1: its time -3 is not after", with_step(time=-3)), (4, "occurs twice", with_step(store=steps[0]["store"])),
+            (4, "time", with_step(time="1")), (4, "time", with_step(time=None)), (4, "step 1: its time, 0, is not later", with_step(time=0)),
+            (4, "step 1: its time, -3, is not later", with_step(time=-3)), (4, "occurs twice", with_step(store=steps[0]["store"])),
             (4, "series' folder", with_step(store="../outside.isonest")), (4, "series' folder", with_step(store=str(outside))),
             (4, "series' folder", with_step(store="..")), (4, "series' folder", with_step(store="")), (4, "series' folder", with_step(store="a\0b")),
             (4, "source", with_step(source=3)), (3, "step_7.isonest: is missing", with_step(store="step_7.isonest")),

@@ -266,7 +266,7 @@ class Trust(unittest.TestCase):
                 self.assertEqual(server.end(number)[0], 0)
                 self.assertEqual(os.listdir(folder), [])
 
-    def test_what_cannot_be_is_said_before_the_start(self):
+    def test_impossible_options_are_refused_before_the_start(self):
         (HERE / "junk").write_bytes(b"hello world" * 100)
         for options, code, words in ((["none.isonest"], 3, "none.isonest"), (["junk"], 2, "--dims"),
                                      (["t.isonest", "--memory", "10M"], 7, "--memory"),

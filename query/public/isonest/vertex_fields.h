@@ -36,6 +36,8 @@ struct VertexFieldReport {
     double linear_bound = 0;
     /// Triangles (or lines) to which linear_bound does not apply, because of missing values.
     std::uint64_t unbounded_elements = 0;
+    /// Those to which it applies; if there are none, linear_bound is 0.
+    std::uint64_t bounded_elements = 0;
 };
 
 /// Adds fields to meshes on their way to a sink. Thread-safety: the sinks of one object may be used

@@ -85,6 +85,7 @@ class SeriesWriter {
     Series series_;
     int lock_;
     bool is_new_;
+    bool made_folder_ = false;
 };
 
 }  // namespace isonest

@@ -425,15 +425,16 @@ void take_vertex_values(ExtractCommand& arguments, const std::vector<std::string
         } else if (arguments.values.empty()) {
             arguments.values = text;
         } else {
-            throw Error(ErrorKind::invalid_argument,
-                        "--vertex-values: only one store can be without a name; give the others "
-                        "as NAME=STORE");
+            throw Error(
+                ErrorKind::invalid_argument,
+                "--vertex-values: only one STORE can be given without a name; give the others "
+                "as NAME=STORE");
         }
     }
     if (arguments.extract.is_graph && !arguments.named_values.empty()) {
         throw Error(ErrorKind::invalid_argument,
-                    "--vertex-values NAME=STORE: the height of a graph is not a place in a "
-                    "volume; a STORE of the same lattice, without a name, gives its values");
+                    "--vertex-values NAME=STORE: not for graphs, because their heights are not "
+                    "positions in a volume; give a STORE of the same lattice, without a name");
     }
 }
 

@@ -251,7 +251,7 @@ Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
     }
     if (ranks != nullptr) {
         throw Error(ErrorKind::invalid_argument,
-                    "--times and --append: isonest-mpi makes one store; isonest makes series");
+                    "--times and --append: isonest-mpi cannot make a series; use isonest");
     }
     return preprocess_series(a, progress);
 }
@@ -269,7 +269,7 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
          "continues an interrupted run. With --labels, 64-bit integers are stored exactly (0 to "
          "2^62 - 1), and the input's names and colours are kept; without it, they become float64 "
          "(up to 2^53). --tolerance rounds the values first, which makes the store much smaller; "
-         "error bounds stay bounds for INPUT's values. Several files with a volume each, or "
+         "error bounds stay bounds for INPUT's values. Several files that hold a volume each, or "
          "--times, make a series: a folder with a store for each step in time.\n\nIndicators: " +
              list_names(all_fields()) + "; nodes (all but those of cells, hex_...); all.\n\n" +
              paraview_hint(),

@@ -249,19 +249,18 @@ std::vector<double> parse_contours(const std::string& text) {
 
 void add_slice(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<SliceArguments>();
-    CLI::App* const c =
-        add_command(app, chosen, "slice",
-                    {"Write a plane through the data as a coloured mesh or a picture",
-                     "The slice consists of triangles as large as the error allows; the vertices "
-                     "of a mesh have values. The extension of OUT selects a picture (.png) or a "
-                     "mesh. For a volume, a temporary store is made; --keep-store keeps it. Of a "
-                     "series, {step} or "
-                     "{time} in the name makes a picture or mesh of each step.",
-                     "isonest slice scan.isonest --plane 0,0,1,35 --error 2 -o slice.png --grid\n"
-                     "isonest slice scan.nrrd --plane 0,0,1,35 -o slice.png\n"
-                     "isonest slice scan.isonest --plane 1,1,0,90 --error 2% -o oblique.vtp\n"
-                     "isonest slice run.isonest --plane 0,0,1,35 -o film_{step}.png\n"
-                     "isonest slice scan.isonest --plane 0,1,0,40 --contours 80,120 -o lines.vtp"});
+    CLI::App* const c = add_command(
+        app, chosen, "slice",
+        {"Write a plane through the data as a coloured mesh or a picture",
+         "The slice consists of triangles as large as the error allows; the vertices "
+         "of a mesh have values. The extension of OUT selects a picture (.png) or a "
+         "mesh. For a volume, a temporary store is made; --keep-store keeps it. For "
+         "a series, {time} or {step} in the name makes a picture or mesh for each step.",
+         "isonest slice scan.isonest --plane 0,0,1,35 --error 2 -o slice.png --grid\n"
+         "isonest slice scan.nrrd --plane 0,0,1,35 -o slice.png\n"
+         "isonest slice scan.isonest --plane 1,1,0,90 --error 2% -o oblique.vtp\n"
+         "isonest slice run.isonest --plane 0,0,1,35 -o film_{step}.png\n"
+         "isonest slice scan.isonest --plane 0,1,0,40 --contours 80,120 -o lines.vtp"});
     add_input_options(c, a->in, false);
     add_extract_options(c, a->extract);
     a->extract.is_slice = true;

@@ -2,9 +2,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <set>
 #include <span>
@@ -104,7 +106,7 @@ std::vector<StepInput> steps_in(const PreprocessArguments& a, const std::string&
     const std::optional<VolumeTime>& time = steps.front().description.time;
     if (!time) {
         throw Error(ErrorKind::unsupported, {file},
-                    fmt::format("the number of its time steps is not known; name each of them: "
+                    fmt::format("the number of its time steps is unknown; name each step: "
                                 "--index {0}=0, --index {0}=1, ...",
                                 whole->axis));
     }
@@ -115,8 +117,15 @@ std::vector<StepInput> steps_in(const PreprocessArguments& a, const std::string&
     return steps;
 }
 
-/// The last number in a file's name: 12 of run_0012.nc, 0.5 of t0.5.nrrd.
-std::optional<double> number_in_name(const std::string& file) {
+/// The last number in a file's name, 12 of run_0012.nc or 0.5 of t0.5.nrrd, and what is before it.
+struct NumberedName {
+    std::string before;
+    double number = 0;
+    /// The digits on both sides of the point as whole numbers; the second is 0 without a point.
+    std::array<double, 2> parts{};
+};
+
+std::optional<NumberedName> numbered_name(const std::string& file) {
     std::filesystem::path path(file);
     path = path.has_filename() ? path : path.parent_path();
     path.replace_extension();
@@ -130,16 +139,27 @@ std::optional<double> number_in_name(const std::string& file) {
         --end;
     }
     std::size_t begin = end;
-    bool has_point = false;
-    while (begin > 0 && (is_digit(name[begin - 1]) || (!has_point && name[begin - 1] == '.' &&
-                                                       begin > 1 && is_digit(name[begin - 2])))) {
-        has_point = has_point || name[begin - 1] == '.';
+    std::size_t point = end;
+    while (begin > 0 &&
+           (is_digit(name[begin - 1]) || (point == end && name[begin - 1] == '.' && begin > 1 &&
+                                          begin < end && is_digit(name[begin - 2])))) {
         --begin;
+        point = name[begin] == '.' ? begin : point;
     }
-    double number = 0;
-    const char* const last = name.data() + end;
-    const auto [at, error] = std::from_chars(name.data() + begin, last, number);
-    return end > begin && error == std::errc{} && at == last ? std::optional(number) : std::nullopt;
+    const auto number = [&](std::size_t from, std::size_t to) {
+        double value = 0;
+        const char* const last = name.data() + to;
+        const auto [at, error] = std::from_chars(name.data() + from, last, value);
+        return error == std::errc{} && at == last ? std::optional(value) : std::nullopt;
+    };
+    const std::optional<double> whole = end > begin ? number(begin, end) : std::nullopt;
+    if (!whole) {
+        return std::nullopt;
+    }
+    return NumberedName{
+        name.substr(0, begin),
+        *whole,
+        {number(begin, point).value_or(0), point < end ? number(point + 1, end).value_or(0) : 0}};
 }
 
 bool have_coordinates(const std::vector<StepInput>& steps) {
@@ -150,12 +170,31 @@ bool have_coordinates(const std::vector<StepInput>& steps) {
     });
 }
 
+/// Whether the names of the files differ in their last number alone. Throws
+/// Error{invalid_argument} if the order of the numbers depends on whether the point is a decimal
+/// point: 1.9 and 1.10.
 bool have_own_numbers(const std::vector<StepInput>& steps) {
-    std::set<double> numbers;
-    return std::all_of(steps.begin(), steps.end(), [&](const StepInput& step) {
-        const std::optional<double> number = number_in_name(step.file);
-        return !step.at && number && numbers.insert(*number).second;
-    });
+    std::vector<NumberedName> names;
+    for (const StepInput& step : steps) {
+        std::optional<NumberedName> name = numbered_name(step.file);
+        if (step.at || !name || (!names.empty() && name->before != names.front().before)) {
+            return false;
+        }
+        names.push_back(std::move(*name));
+    }
+    const auto by_number = [](const auto& a, const auto& b) { return a.number < b.number; };
+    std::sort(names.begin(), names.end(), by_number);
+    if (std::adjacent_find(names.begin(), names.end(), std::not_fn(by_number)) != names.end()) {
+        return false;
+    }
+    const bool same_order = std::is_sorted(
+        names.begin(), names.end(), [](const auto& a, const auto& b) { return a.parts < b.parts; });
+    if (!same_order) {
+        throw Error(ErrorKind::invalid_argument, {steps.front().file},
+                    "the numbers in the file names have another order as decimal numbers than part "
+                    "by part; give the times with --times");
+    }
+    return true;
 }
 
 /// Sets the times of the steps and sorts by them.
@@ -175,16 +214,17 @@ TimeOrigin set_times(const std::optional<NewTimes>& given, std::vector<StepInput
     }
     for (std::size_t i = 0; i < steps.size(); ++i) {
         steps[i].time = origin == TimeOrigin::coordinates ? *steps[i].description.time->value
-                        : origin == TimeOrigin::names     ? *number_in_name(steps[i].file)
+                        : origin == TimeOrigin::names     ? numbered_name(steps[i].file)->number
                                                           : static_cast<double>(i);
     }
     std::stable_sort(steps.begin(), steps.end(),
                      [](const StepInput& x, const StepInput& y) { return x.time < y.time; });
     for (std::size_t i = 1; i < steps.size(); ++i) {
         if (steps[i].time == steps[i - 1].time) {
-            throw Error(ErrorKind::invalid_argument, {steps[i].name()},
-                        fmt::format("its time, {}, is also that of {}; --times gives other times",
-                                    time_text(steps[i].time), steps[i - 1].name()));
+            throw Error(
+                ErrorKind::invalid_argument, {steps[i].name()},
+                fmt::format("its time, {}, is also that of {}; set other times with --times",
+                            time_text(steps[i].time), steps[i - 1].name()));
         }
     }
     return origin;
@@ -216,7 +256,7 @@ std::string difference(const VolumeDescription& own, const VolumeDescription& fi
         return d.unit ? std::string(symbol_of(*d.unit)) : std::string("unknown");
     };
     const auto but = [](const char* what, const std::string& is, const std::string& was) {
-        return fmt::format("its {} {}, and those of the series {}", what, is, was);
+        return fmt::format("its {} {}, but {} in the series", what, is, was);
     };
     if (own.nodes != first.nodes) {
         return but("nodes are", nodes(own.nodes), nodes(first.nodes));
@@ -237,7 +277,7 @@ std::string difference(const VolumeDescription& own, const VolumeDescription& fi
         return but("unit is", unit(own), unit(first));
     }
     if (own.frame != first.frame) {
-        return "its patient axes are not those of the series";
+        return "its patient axes differ from those of the series";
     }
     return "";
 }
@@ -311,10 +351,11 @@ class KnownSteps {
             return false;
         }
         if (same->source != source) {
-            throw Error(ErrorKind::invalid_argument, {step.name()},
-                        fmt::format("the series has another step at its time, {}: {} was made from "
-                                    "another input, or from this one before it changed",
-                                    time_text(step.time), same->store));
+            throw Error(
+                ErrorKind::invalid_argument, {step.name()},
+                fmt::format("the series already has another step at its time, {}: {} was made from "
+                            "another input, or from this one before it changed",
+                            time_text(step.time), same->store));
         }
         return true;
     }
@@ -337,8 +378,8 @@ std::string first_line(const std::string& text) {
 void require_series_options(const PreprocessArguments& a) {
     if (a.preprocess.force) {
         throw Error(ErrorKind::invalid_argument, {a.store},
-                    "--force does not replace a series; --append adds steps to it, and another "
-                    "name begins another one");
+                    "--force cannot replace a series; add steps to it with --append, or choose "
+                    "another name for a new series");
     }
     if (std::find(a.input.begin(), a.input.end(), "-") != a.input.end()) {
         throw Error(ErrorKind::invalid_argument,
@@ -347,7 +388,7 @@ void require_series_options(const PreprocessArguments& a) {
     }
     if (is_series(a.store) && !a.append) {
         throw Error(ErrorKind::invalid_argument, {a.store},
-                    "the series exists; --append adds steps to it");
+                    "the series already exists; add steps to it with --append");
     }
 }
 
@@ -366,12 +407,20 @@ SeriesWriter open_writer(const PreprocessArguments& a, const std::vector<StepInp
         const std::filesystem::path first = series.store(0);
         require_same_grid(steps, description_of(Store(first)), first.string());
     }
+    if ((origin == TimeOrigin::names || origin == TimeOrigin::counted) && series.time_unit()) {
+        throw Error(
+            ErrorKind::invalid_argument, {steps.front().name()},
+            fmt::format("it has no time in '{}', the unit of the series; give its time with "
+                        "--times",
+                        *series.time_unit()));
+    }
     if (origin == TimeOrigin::coordinates && !series.steps().empty() &&
         unit != series.time_unit().value_or("")) {
-        throw Error(ErrorKind::invalid_argument, {steps.front().name()},
-                    fmt::format("its unit of time is '{}', and that of the series '{}'; --times "
-                                "gives the times in that unit",
-                                unit, series.time_unit().value_or("unknown")));
+        throw Error(
+            ErrorKind::invalid_argument, {steps.front().name()},
+            fmt::format("its unit of time is '{}', but the series has '{}'; give the times in "
+                        "that unit with --times",
+                        unit, series.time_unit().value_or("unknown")));
     }
     return writer;
 }
@@ -410,8 +459,8 @@ Result preprocess_series(const PreprocessArguments& a, Progress& progress) {
             const std::size_t number = writer.series().steps().size();
             if (number > 0 && !(step.time > last())) {
                 throw Error(ErrorKind::invalid_argument, {step.name()},
-                            fmt::format("its time, {}, is before that of the last step, {}; steps "
-                                        "are added in the order of their times",
+                            fmt::format("its time, {}, is earlier than that of the last step, {}; "
+                                        "steps have to be added in the order of their times",
                                         time_text(step.time), time_text(last())));
             }
             PreprocessArguments own = arguments_of(a, step);
@@ -435,7 +484,7 @@ Result preprocess_series(const PreprocessArguments& a, Progress& progress) {
             }
             throw Error(
                 error.kind(), error.place(),
-                fmt::format("{}; {} complete in {}, and --append adds the others", error.problem(),
+                fmt::format("{}; {} complete in {}; --append adds the others", error.problem(),
                             writer.series().steps().size() == 1
                                 ? "1 step is"
                                 : plural(writer.series().steps().size(), "step") + " are",
@@ -452,7 +501,7 @@ Result preprocess_series(const PreprocessArguments& a, Progress& progress) {
         "{}: {}, times {} to {}{}; the times are {}{}\n", series.folder().string(),
         plural(series.steps().size(), "step"), time_text(series.steps().front().time),
         time_text(series.steps().back().time), time_suffix(series.time_unit()), text_of(origin),
-        skipped > 0 ? fmt::format("; {} there already",
+        skipped > 0 ? fmt::format("; {} already there",
                                   plural(skipped, "step") + (skipped == 1 ? " was" : " were"))
                     : "");
     for (const std::string& note : notes) {

@@ -95,8 +95,8 @@ Result write_steps(const Series& series, const std::string& times, const std::st
         }
         write_index(index);
         result.json["index"].push_back(index.name.string());
-        result.text += fmt::format("{}: the index of {} meshes, for ParaView\n",
-                                   index.name.string(), index.entries.size());
+        result.text += fmt::format("{}: index of {} meshes for ParaView\n", index.name.string(),
+                                   index.entries.size());
     }
     return result;
 }

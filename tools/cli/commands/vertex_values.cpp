@@ -10,6 +10,7 @@
 
 #include <isonest/error.h>
 
+#include "store/files/output_file.h"
 #include "store/remote/open_location.h"
 #include "tools/cli/options/remote_options.h"
 
@@ -74,7 +75,7 @@ std::optional<NamedValues> parse_named_values(const std::string& text) {
     if (has_empty || (values.sources.size() != 1 && values.sources.size() != 3)) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("--vertex-values '{}': give NAME=STORE, or NAME=X,Y,Z with the "
-                                "stores of a vector's three components",
+                                "stores of the three components of a vector",
                                 text));
     }
     return values;
@@ -113,6 +114,8 @@ VertexValues::VertexValues(const std::vector<NamedValues>& values, ExtractArgume
             a.field_to_color = ColoredField{one.name, store.min_value(), store.max_value()};
         }
     }
+    in_tiles_ = a.tiles;
+    mesh_ = a.mesh;
     const std::uint64_t memory = a.options.memory / 4;
     a.options.memory -= memory;
     try {
@@ -156,26 +159,36 @@ void VertexValues::report(Result& result) const {
                 result.text += r.name + ": " + fetched_text(fetched);
             }
         }
+        const bool is_bounded = r.bounded_elements > 0 || r.unbounded_elements == 0;
         list.push_back({{"name", r.name},
                         {"components", r.components},
                         {"sources", names},
-                        {"linear_bound", r.linear_bound},
+                        {"linear_bound", is_bounded && !in_tiles_ ? Json(r.linear_bound) : Json()},
                         {"missing_vertices", r.missing_vertices},
                         {"unbounded_triangles", r.unbounded_elements}});
         if (!remote.empty()) {
             list.back()["remote"] = std::move(remote);
         }
         result.text +=
-            r.linear_bound == 0 && r.unbounded_elements > 0
+            in_tiles_ ? fmt::format("{}: rounded to 32 bits in the tiles, without a bound", r.name)
+            : !is_bounded
                 ? fmt::format("{}: no triangle has values everywhere", r.name)
                 : fmt::format(
-                      "{}: between vertices, linear values differ from the field by at most {:.4g}",
+                      "{}: linear interpolation between vertices differs from the quantity "
+                      "by at most {:.4g}",
                       r.name, r.linear_bound);
         if (r.missing_vertices > 0) {
+            if (lower_extension(mesh_) == ".glb" || in_tiles_) {
+                result.warning += fmt::format(
+                    "{}{}: glTF has no missing values, and some programs refuse the "
+                    "NaN of vertices without a value of {}; .ply, .vtp and .vtkhdf "
+                    "have them",
+                    result.warning.empty() ? "" : "\n", mesh_, r.name);
+            }
             result.text += fmt::format("; {} vertices have no value", r.missing_vertices);
         }
         if (r.unbounded_elements > 0) {
-            result.text += fmt::format("; {} triangles next to missing values are not counted",
+            result.text += fmt::format("; {} triangles next to missing values have no bound",
                                        r.unbounded_elements);
         }
         result.text += "\n";

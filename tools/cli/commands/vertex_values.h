@@ -63,6 +63,8 @@ class VertexValues {
     };
     std::vector<NamedValues> values_;
     std::list<Source> sources_;
+    std::string mesh_;       ///< name of the output
+    bool in_tiles_ = false;  ///< whether it is a tileset
     std::unique_ptr<VertexFields> fields_;
 };
 

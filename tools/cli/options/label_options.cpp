@@ -299,13 +299,21 @@ void add_smooth_json(const SmoothReport& r, Json& json) {
     json["nodes_beyond"] = r.nodes_beyond;
 }
 
-Result extract_label_meshes(const Store& store, const LabelArguments& labels,
-                            const ExtractArguments& a, const LabelQuery& query,
-                            Progress& progress) {
+namespace {
+
+void require_place_for_over(const LabelArguments& labels) {
     if (labels.over && labels.format != kNeuroglancer && !makes_detail_levels(labels)) {
         throw Error(ErrorKind::invalid_argument,
                     "--over needs --format neuroglancer or neuroglancer-multilod");
     }
+}
+
+}  // namespace
+
+Result extract_label_meshes(const Store& store, const LabelArguments& labels,
+                            const ExtractArguments& a, const LabelQuery& query,
+                            Progress& progress) {
+    require_place_for_over(labels);
     const VoxelOrigin over = labels.over.value_or(VoxelOrigin::middle);
     const fs::path folder = a.mesh;
     std::error_code error;
@@ -322,9 +330,18 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
                     "for all in one file");
     }
     const bool is_turned = a.space != MeshSpace::automatic && a.space != MeshSpace::as_stored;
-    if (makes_detail_levels(labels) && a.fields != nullptr) {
+    constexpr std::array kWithFields{"ply", "vtp", "vtkhdf", "glb"};
+    if (a.fields != nullptr && !makes_detail_levels(labels) && labels.format != kNeuroglancer &&
+        std::find(kWithFields.begin(), kWithFields.end(), labels.format) == kWithFields.end()) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
-                    "--vertex-values: meshes for Neuroglancer have no values at their vertices");
+                    fmt::format("--vertex-values: the format {} cannot store them; use --format "
+                                "ply, vtp, vtkhdf or glb",
+                                labels.format));
+    }
+    if ((makes_detail_levels(labels) || labels.format == kNeuroglancer) && a.fields != nullptr) {
+        throw Error(
+            ErrorKind::invalid_argument, {a.mesh},
+            "--vertex-values: meshes for Neuroglancer cannot have values at their vertices");
     }
     if (makes_detail_levels(labels) && (is_turned || a.up != UpAxis::z)) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
@@ -447,6 +464,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
 Result extract_labels_together(const Store& store, const LabelArguments& labels,
                                const ExtractArguments& a, const LabelQuery& query,
                                Progress& progress) {
+    require_place_for_over(labels);
     const std::vector<Label> chosen =
         chosen_of(find_labels(store, {a.options.memory, a.options.threads}, progress),
                   *labels.several, a.store);

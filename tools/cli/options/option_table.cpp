@@ -29,7 +29,7 @@ constexpr std::array kGroups{kWhat,   kHowClose, kWhichParts, kWritten, kPicture
 
 constexpr std::string_view kDrawnElsewhere = "(other packages draw pictures and plots)";
 constexpr std::string_view kSitesByProgram = "(the program alone writes sites)";
-constexpr std::string_view kSeriesByProgram = "(the program alone makes series)";
+constexpr std::string_view kSeriesByProgram = "(only the program makes series)";
 constexpr std::string_view kNumpyMakes = "(NumPy makes arrays)";
 
 // In the order of the help.
@@ -110,7 +110,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--components", kWhichParts, "N|all", "keep the N largest (or: largest); all: count them", "components: int | choice"},
     {"", "--min-component", kWhichParts, "N", "drop pieces of fewer triangles", "min_component: int"},
     {"", "--min-volume", kWhichParts, "V", "drop closed pieces of less volume, in world units", "min_volume: float"},
-    {"", "--times", kWhichParts, "T[,T...]", "of a series: these; START:STOP, START:STOP:STEP", "(the method Series.at)"},
+    {"", "--times", kWhichParts, "T[,T...]", "steps of a series: these times; START:STOP[:STEP]", "(the method Series.at)"},
     {"", "--close", kWhichParts, "[=below|above]", "close it at the volume's faces: outside is [below]", "close: bool | choice"},
     {"", "--view", kWhichParts, "X,Y,Z", "leave out what faces away from this view direction", "view: Point"},
     {"", "--cull-by", kWhichParts, "FIELD", "with --view: normal_turn_plus or grad_linf_plus", "cull_by: str"},
@@ -127,7 +127,7 @@ constexpr OptionRow kOptions[] = {
     {"publish", "--output", kWritten, "FOLDER", "the folder to write", kSitesByProgram},
     {"extract", "--normals", kWritten, "", "vertex normals, from the gradient of the data", "normals: bool"},
     {"slice", "--normals", kWritten, "", "vertex normals: the plane's", "normals: bool"},
-    {"", "--vertex-values", kWritten, "STORE", "values of STORE, or NAME=STORE: of any lattice", "vertex_values: Store"},
+    {"", "--vertex-values", kWritten, "STORE", "vertex values of STORE; with NAME=STORE any lattice", "vertex_values: Store"},
     {"", "--vertex-error", kWritten, "FIELD", "how far vertices may be off, by this field", "vertex_error: str"},
     {"", "--space", kWritten, "AXES", "patient axes: ras, lps, as-stored [ras where known]", "space: choice"},
     {"", "--up", kWritten, "y|z", "the axis that points up in .glb and .obj [z]", "up: choice"},
@@ -152,8 +152,8 @@ constexpr OptionRow kOptions[] = {
     {"", "--force", kWritten, "", "replace what is there", "replace: bool"},
     {"publish", "--force", kWritten, "", "replace a folder that isonest publish made", kSitesByProgram},
     {"", "--resume", kWritten, "", "continue a killed run, or keep an interrupted one", "resume: bool"},
-    {"preprocess", "--times", kWritten, "auto|T[,T...]", "a series, each INPUT a step; or START:STOP:STEP", kSeriesByProgram},
-    {"", "--append", kWritten, "", "add steps to a series; those it has are kept", kSeriesByProgram},
+    {"preprocess", "--times", kWritten, "auto|T[,T...]", "make a series with these times; START:STOP:STEP", kSeriesByProgram},
+    {"", "--append", kWritten, "", "add steps to a series; known ones are skipped", kSeriesByProgram},
     {"", "--scratch", kLimits, "FOLDER", "temporary files of a rank [the store's folder]", "(of isonest-mpi)"},
 
     // Pictures.

@@ -66,6 +66,17 @@ std::vector<double> numbers_in(const std::string& text) {
     return numbers;
 }
 
+/// How far a time given as text may be from that of a step: what decimal digits round, and far less
+/// than the distance between steps.
+double slack_of(const std::vector<SeriesStep>& steps, double time) {
+    constexpr double kOfDistance = 1e-3;
+    double slack = kRounding * std::fabs(time);
+    for (std::size_t i = 1; i < steps.size(); ++i) {
+        slack = std::min(slack, kOfDistance * (steps[i].time - steps[i - 1].time));
+    }
+    return slack;
+}
+
 }  // namespace
 
 NewTimes parse_new_times(const std::string& text) {
@@ -78,14 +89,18 @@ NewTimes parse_new_times(const std::string& text) {
         times.start = range->start.value_or(0);
         times.step = range->step.value_or(1);
         times.stop = range->stop;
+        if (times.stop && *times.stop < times.start) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("{} '{}': the end is before the start", kOption, text));
+        }
         return times;
     }
     times.all = numbers_in(text);
     if (std::adjacent_find(times.all.begin(), times.all.end(), std::greater_equal<>()) !=
         times.all.end()) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} '{}': the times have to ascend; INPUT is in their order",
-                                kOption, text));
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("{} '{}': the times have to ascend, in the order of INPUT", kOption, text));
     }
     return times;
 }
@@ -99,14 +114,23 @@ std::vector<double> times_of(const NewTimes& times, std::size_t steps) {
         }
         given = steps;
         if (times.stop) {
-            const double more = (*times.stop - times.start) / times.step;
+            const double more = (*times.stop - times.start) / times.step + kRounding;
             constexpr double kMax = 1e9;
-            given = static_cast<std::size_t>(std::min(more + kRounding, kMax)) + 1;
+            if (!(more < kMax)) {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("{} gives more than {:.0f} times", kOption, kMax));
+            }
+            given = static_cast<std::size_t>(more) + 1;
         }
+    }
+    if (std::adjacent_find(all.begin(), all.end(), std::greater_equal<>()) != all.end()) {
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("{}: the steps of the times are too small to change them", kOption));
     }
     if (given != steps) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} gives {} time{}, and there are {} steps", kOption, given,
+                    fmt::format("{} gives {} time{}, but there are {} steps", kOption, given,
                                 given == 1 ? "" : "s", steps));
     }
     return all;
@@ -128,13 +152,12 @@ std::vector<std::size_t> chosen_steps(const Series& series, const std::string& t
     if (const std::optional<TimeRange> range = range_in(text)) {
         const double start = range->start.value_or(steps.front().time);
         const double length = range->step.value_or(0);
-        const double slack =
-            length > 0 ? kRounding * length : kRounding * std::max(std::fabs(start), 1e-300);
+        const double slack = slack_of(steps, start);
         double from = start;  // of the interval whose first step is chosen
         for (std::size_t i = 0; i < steps.size(); ++i) {
             const double time = steps[i].time;
             if (time < from - slack ||
-                (range->stop && time > *range->stop + kRounding * std::fabs(*range->stop))) {
+                (range->stop && time > *range->stop + slack_of(steps, *range->stop))) {
                 continue;
             }
             chosen.push_back(i);
@@ -148,7 +171,7 @@ std::vector<std::size_t> chosen_steps(const Series& series, const std::string& t
                 std::min_element(steps.begin(), steps.end(), [&](const auto& a, const auto& b) {
                     return std::fabs(a.time - wanted) < std::fabs(b.time - wanted);
                 });
-            if (std::fabs(nearest->time - wanted) > kRounding * std::fabs(wanted)) {
+            if (std::fabs(nearest->time - wanted) > slack_of(steps, wanted)) {
                 throw Error(ErrorKind::invalid_argument, {series.folder().string()},
                             fmt::format("{}: there is no step at {}; the nearest is at {}", kOption,
                                         time_text(wanted), time_text(nearest->time)));
@@ -169,7 +192,7 @@ std::vector<std::size_t> chosen_steps(const Series& series, const std::string& t
 void require_no_times(const std::string& text, const std::string& input) {
     if (!text.empty()) {
         throw Error(ErrorKind::invalid_argument, {input},
-                    fmt::format("{} selects steps of a series, and this is not a series", kOption));
+                    fmt::format("{} selects steps of a series, but this is not a series", kOption));
     }
 }
 
@@ -222,17 +245,17 @@ void require_place_for_step(const std::string& name) {
     const std::filesystem::path path(name);
     const std::string file = path.filename().string();
     if (has_place(path.parent_path().string())) {
-        throw Error(ErrorKind::invalid_argument, {name},
-                    "{time} and {step} have to be in the name of the file, not of its folder");
+        throw Error(
+            ErrorKind::invalid_argument, {name},
+            "{time} and {step} have to be in the name of the file, not in that of its folder");
     }
     if (!has_place(file)) {
         const std::string end = path.extension().string();
         const std::string stem = path.stem().string();
-        throw Error(
-            ErrorKind::invalid_argument, {name},
-            fmt::format("a series needs a file for each step: put {{time}} or {{step}} into "
-                        "the name, -o {}",
-                        (path.parent_path() / (stem + "_{time}" + end)).string()));
+        throw Error(ErrorKind::invalid_argument, {name},
+                    fmt::format("a series needs a file for each step: put {{time}} or {{step}} "
+                                "into the name, as in -o {}",
+                                (path.parent_path() / (stem + "_{time}" + end)).string()));
     }
 }
 

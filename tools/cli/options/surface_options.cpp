@@ -174,7 +174,8 @@ void require_place_for_isovalue(const std::string& mesh) {
     const std::string end = lower_extension(mesh);
     if (end != ".ply" && end != ".vtp" && end != ".vtkhdf") {
         throw Error(ErrorKind::invalid_argument, {mesh},
-                    "several isovalues in one file need .ply, .vtp, .vtkhdf, .glb or .3mf; for a file each, "
+                    "several isovalues in one file need .ply, .vtp, .vtkhdf, .glb or .3mf; for a "
+                    "file each, "
                     "put {iso} into the name: surface_{iso}.stl");
     }
 }

@@ -168,7 +168,7 @@ class Mesh:
                   for name, given in values.items()]
         repeated = [name for name in values if name in self._fields]
         if repeated:
-            raise ValueError(f"the mesh has values with the name {repeated[0]!r}")
+            raise ValueError(f"the mesh already has values with the name {repeated[0]!r}")
         other = self._other(self._coordinates)
         with reporting(progress) as report:
             other._layout, arrays, bounds = _core.fields_of_mesh(

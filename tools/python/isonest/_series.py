@@ -1,7 +1,6 @@
 """Series: one store for each step in time."""
 from __future__ import annotations
 
-import math
 import os
 import pathlib
 from typing import Iterator, Optional, Union, overload
@@ -59,7 +58,8 @@ class Series:
         nearest time."""
         times = self.times
         nearest = int(np.argmin(np.abs(times - time))) if len(times) else 0
-        if not len(times) or not math.isclose(times[nearest], time, rel_tol=1e-9):
+        slack = min([1e-9 * abs(time), *(1e-3 * np.diff(times))])  # far less than the distance between steps
+        if not len(times) or not abs(times[nearest] - time) <= slack:
             raise _errors.made(_errors.NotFoundError, str(self.path), f"there is no step at {time}" +
                                (f"; the nearest is at {times[nearest]}" if len(times) else ""), [])
         return self[nearest]

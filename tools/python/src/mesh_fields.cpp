@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <limits>
 #include <memory>
 #include <string>
 #include <utility>
@@ -105,7 +106,9 @@ py::tuple fields_of_mesh(const MeshOrigin& origin, const Floats& positions,
         with.layout.row_bytes += attribute.bytes();
         with.layout.attributes.push_back(std::move(attribute));
         arrays.append(collector.array(i));
-        bounds.push_back(reports[i].linear_bound);
+        bounds.push_back(reports[i].bounded_elements > 0 || reports[i].unbounded_elements == 0
+                             ? reports[i].linear_bound
+                             : std::numeric_limits<double>::quiet_NaN());
     }
     for (const auto& store : open) {
         with.inputs.push_back(store->path());
