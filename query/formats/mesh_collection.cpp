@@ -36,7 +36,10 @@ std::uint64_t aligned(std::uint64_t bytes) {
 }  // namespace detail
 
 struct MeshCollection::Parts {
-    std::filesystem::path path;
+    Parts(std::vector<MeshObject> all, std::unique_ptr<detail::MeshFile> to,
+          const detail::ScratchFolder& folder)
+        : objects(std::move(all)), file(std::move(to)), scratch(folder), meshes(objects.size()) {}
+
     std::vector<MeshObject> objects;
     std::unique_ptr<detail::MeshFile> file;
     detail::ScratchFile scratch;
@@ -144,15 +147,10 @@ MeshCollection::MeshCollection(const std::filesystem::path& path, std::vector<Me
     own.title = {};
     own.color = {};
     std::unique_ptr<MeshSink> file = open_mesh_file(path, own);
-    parts_.reset(
-        new Parts{path,
-                  std::move(objects),
-                  std::unique_ptr<detail::MeshFile>(static_cast<detail::MeshFile*>(file.release())),
-                  detail::ScratchFile(detail::ScratchFolder::metered(scratch)),
-                  {},
-                  {},
-                  {}});
-    parts_->meshes.resize(parts_->objects.size());
+    // open_mesh_file() returns such a file.
+    std::unique_ptr<detail::MeshFile> meshes(static_cast<detail::MeshFile*>(file.release()));
+    parts_ = std::make_unique<Parts>(std::move(objects), std::move(meshes),
+                                     detail::ScratchFolder::metered(scratch));
 }
 
 MeshCollection::~MeshCollection() = default;

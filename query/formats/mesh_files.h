@@ -50,6 +50,7 @@ class MeshFile : public MeshSink {
 
   protected:
     /// Like begin_all(), with the frames and the boxes of the meshes in the file.
+    // NOLINTNEXTLINE(performance-unnecessary-value-param): formats with several objects keep them
     virtual void begin_objects(std::vector<FileObject> objects) { static_cast<void>(objects); }
     /// The only object of a file with one mesh.
     [[nodiscard]] std::vector<FileObject> single(const MeshLayout& layout) const {

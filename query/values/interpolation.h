@@ -69,7 +69,7 @@ class Interpolation {
         for (std::size_t a = 0; a < 3; ++a) {
             const int axis = static_cast<int>(a);
             steps[a] = std::nearbyint(steps[a] * kRounding) / kRounding;
-            const double last = static_cast<double>(header_.nodes[axis] - 1);
+            const auto last = static_cast<double>(header_.nodes[axis] - 1);
             if (!(steps[a] >= -slack[a] && steps[a] <= last + slack[a])) {
                 return std::nullopt;
             }
@@ -81,7 +81,7 @@ class Interpolation {
         Place place;
         for (std::size_t a = 0; a < 3; ++a) {
             const int axis = static_cast<int>(a);
-            const double last_node = static_cast<double>(header_.nodes[axis] - 1);
+            const auto last_node = static_cast<double>(header_.nodes[axis] - 1);
             const double at = std::ldexp(std::clamp(steps[a], 0.0, last_node), -level_);
             const std::int64_t last = std::max<std::int64_t>(cells_[axis] - 1, 0);
             place.cell[axis] = std::min(static_cast<std::int64_t>(at), last);

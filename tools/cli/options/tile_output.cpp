@@ -89,7 +89,7 @@ Json json_of(const TilesetReport& r, const TilesetSource& source) {
 /// The colour of a value. REQUIRES: low < high.
 LabelColor color_of(const VertexColors& colors, double value) {
     const double part = (value - colors.low) / (colors.high - colors.low);
-    const double last = static_cast<double>(colors.map.size() - 1);
+    const auto last = static_cast<double>(colors.map.size() - 1);
     return colors.map[static_cast<std::size_t>(std::lround(std::clamp(part, 0.0, 1.0) * last))];
 }
 
