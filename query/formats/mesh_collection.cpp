@@ -11,6 +11,7 @@
 #include <isonest/mesh_collection.h>
 
 #include "query/formats/mesh_files.h"
+#include "store/base/memory.h"
 #include "store/files/output_file.h"
 #include "store/files/scratch_file.h"
 
@@ -27,10 +28,6 @@ struct StoredMesh {
     std::uint64_t rows = 0;
     std::uint64_t corners = 0;
 };
-
-std::uint64_t aligned(std::uint64_t bytes) {
-    return (bytes + 7) / 8 * 8;
-}
 
 }  // namespace
 }  // namespace detail

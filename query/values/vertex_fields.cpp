@@ -89,17 +89,16 @@ void Quantity::prefetch(std::span<const std::array<float, 3>> points) {
     }
     const ArrayInfo& array = store_.layout().array(0, Field::values);
     ChunkNeeds needs;
+    std::vector<WantedChunk> wanted;
     for (const std::array<float, 3>& point : points) {
         const auto place = place_of(point);
         if (!place) {
             continue;
         }
-        const Int3 low = array.chunk_of(place->cell);
-        const Int3 high =
-            array.chunk_of(min(place->cell + Int3{1, 1, 1}, array.nodes - Int3{1, 1, 1}));
-        const Int3 span = high - low + Int3{1, 1, 1};
-        for (std::int64_t i = 0; i < span.product(); ++i) {
-            needs.add(array, low + span.unlinear(i));
+        wanted.clear();
+        want_box(array, place->cell, place->cell + Int3{1, 1, 1}, wanted);
+        for (const WantedChunk& chunk : wanted) {
+            needs.add(*chunk.array, chunk.chunk);
         }
     }
     if (needs.bytes() <= cache_.budget()) {

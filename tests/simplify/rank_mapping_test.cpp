@@ -103,22 +103,6 @@ Patch some_surface() {
     return patch;
 }
 
-void fill_mesh(ScratchMesh& mesh, const Patch& patch) {
-    MeshLayout layout;
-    layout.vertices = patch.positions.size();
-    layout.elements = patch.triangles.size();
-    mesh.begin(layout);
-    mesh.add_vertices({0, patch.positions, {}, 0});
-    std::vector<ElementCorners> corners;
-    for (const PatchTriangle& t : patch.triangles) {
-        corners.push_back({t[0], t[1], t[2]});
-    }
-    ElementBatch batch;
-    batch.corners = corners;
-    mesh.add_elements(batch);
-    mesh.end();
-}
-
 struct MappedSurface {
     std::vector<ElementCorners> corners;
     double bound = 0;
@@ -270,7 +254,7 @@ TEST_CASE("A mesh mapped by ranks is the same as one mapped by a single process"
         lattice.steps = Double3{0.4, 1.5, 2};
     }
     ScratchMesh mesh(folder.path());
-    fill_mesh(mesh, patch);
+    fill(mesh, patch);
     const std::uint64_t least = kLibraryHeap + map_heap();
     for (const double limit : {0.3, 1.5, 0.0}) {
         Surface surface{mesh, folder.path(), lattice, box, limit, limit > 1};
@@ -310,9 +294,9 @@ TEST_CASE("Ranks serve one mesh after another, and none at all") {
     const TemporaryFolder folder;
     const Patch patch = some_surface();
     ScratchMesh mesh(folder.path());
-    fill_mesh(mesh, patch);
+    fill(mesh, patch);
     ScratchMesh nothing(folder.path());
-    fill_mesh(nothing, {});
+    fill(nothing, {});
     WorldLattice lattice;
     lattice.nodes = {221, 221, 61};
     LocalMapping local;
@@ -344,7 +328,7 @@ TEST_CASE("A rank that fails while blocks are mapped ends all ranks") {
     const TemporaryFolder folder;
     const Patch patch = some_surface();
     ScratchMesh mesh(folder.path());
-    fill_mesh(mesh, patch);
+    fill(mesh, patch);
     WorldLattice lattice;
     lattice.nodes = {221, 221, 61};
     const ScratchFolder scratch = folder.path();

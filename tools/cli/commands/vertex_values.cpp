@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <filesystem>
 #include <system_error>
 #include <utility>
@@ -13,6 +12,7 @@
 #include "store/files/output_file.h"
 #include "store/remote/open_location.h"
 #include "tools/cli/options/remote_options.h"
+#include "tools/cli/options/source_options.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -20,18 +20,6 @@ namespace {
 bool exists(const std::string& name) {
     std::error_code ignored;
     return std::filesystem::exists(name, ignored);
-}
-
-std::vector<std::string> split(const std::string& text) {
-    std::vector<std::string> parts(1);
-    for (const char c : text) {
-        if (c == ',') {
-            parts.emplace_back();
-        } else {
-            parts.back() += c;
-        }
-    }
-    return parts;
 }
 
 /// A store, or a volume with the dataset that follows a colon.
@@ -64,7 +52,7 @@ std::optional<NamedValues> parse_named_values(const std::string& text) {
     }
     NamedValues values{text.substr(0, sign), {}};
     const std::string sources = text.substr(sign + 1);
-    values.sources = split(sources);
+    values.sources = items_of(sources, ',');
     // A comma may be part of a name or of a URL.
     if (exists(sources) ||
         (is_url(sources) && !std::all_of(values.sources.begin(), values.sources.end(), is_url))) {
@@ -122,22 +110,9 @@ VertexValues::VertexValues(const std::vector<NamedValues>& values, ExtractArgume
         fields_ = std::make_unique<VertexFields>(std::move(fields),
                                                  ReadOptions{memory, a.options.threads});
     } catch (const Error& error) {
-        throw with_memory(error, 4, 1);
+        throw with_enough_memory(error, [](std::uint64_t enough) { return 4 * enough + 4; });
     }
     a.fields = fields_.get();
-}
-
-Error VertexValues::with_memory(const Error& error, std::uint64_t times, std::uint64_t over) {
-    std::vector<Remedy> remedies = error.remedies();
-    for (Remedy& remedy : remedies) {
-        std::uint64_t enough = 0;
-        const char* const end = remedy.value.data() + remedy.value.size();
-        if (remedy.kind == RemedyKind::more_memory &&
-            std::from_chars(remedy.value.data(), end, enough).ec == std::errc{}) {
-            remedy.value = std::to_string(enough / over * times + times);
-        }
-    }
-    return {error.kind(), error.place(), error.problem(), std::move(remedies)};
 }
 
 void VertexValues::report(Result& result) const {

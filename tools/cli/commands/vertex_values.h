@@ -14,6 +14,7 @@
 #include "store/ranks/communicator.h"
 #include "tools/cli/commands/input_store.h"
 #include "tools/cli/options/extract_options.h"
+#include "tools/cli/options/remote_options.h"
 #include "tools/cli/program.h"
 
 namespace isonest::detail::cli {
@@ -46,7 +47,12 @@ class VertexValues {
         try {
             return run();
         } catch (const Error& error) {
-            throw fields_ ? with_memory(error, 4, 3) : error;
+            if (!fields_) {
+                throw;
+            }
+            // A quarter is set aside.
+            throw with_enough_memory(error,
+                                     [](std::uint64_t enough) { return enough / 3 * 4 + 4; });
         }
     }
 
@@ -54,9 +60,6 @@ class VertexValues {
     void report(Result& result) const;
 
   private:
-    /// Multiplies the memory that the error's remedies ask for by times / over.
-    static Error with_memory(const Error& error, std::uint64_t times, std::uint64_t over);
-
     struct Source {
         InputArguments arguments;
         InputStore input;

@@ -39,6 +39,11 @@ struct ColoredField {
     double high = 1;
 };
 
+/// The sink of a mesh for this file: it adds the fields, if there are any.
+inline std::unique_ptr<MeshSink> with_fields(VertexFields* fields, std::unique_ptr<MeshSink> file) {
+    return fields != nullptr ? fields->sink(std::move(file)) : std::move(file);
+}
+
 /// The parsed options.
 struct ExtractArguments {
     std::string store;
@@ -75,10 +80,6 @@ struct ExtractArguments {
                 .space = space,
                 .colors = vertex_colors,
                 .up = up};
-    }
-    /// The sink of a mesh for this file: it adds the fields, if there are any.
-    [[nodiscard]] std::unique_ptr<MeshSink> with_fields(std::unique_ptr<MeshSink> file) const {
-        return fields != nullptr ? fields->sink(std::move(file)) : std::move(file);
     }
     template <class Stop>
     [[nodiscard]] Stop stop_test() const {

@@ -381,8 +381,8 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
             [&](const Label& label) {
                 MeshFileOptions file = label_file_options(store, label.id, a.file_options());
                 file.shift = shift_of(store, over);
-                return a.with_fields(
-                    open_mesh_file(folder / mesh_name(label.id, labels.format), file));
+                return with_fields(
+                    a.fields, open_mesh_file(folder / mesh_name(label.id, labels.format), file));
             },
             take, options, progress);
     }
@@ -520,7 +520,8 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
         throw Error(ErrorKind::invalid_argument, {a.store},
                     "--interfaces needs --smooth; --smooth=0 keeps the faces of the voxels");
     }
-    const std::unique_ptr<MeshSink> sink = a.with_fields(open_mesh_file(a.mesh, a.file_options()));
+    const std::unique_ptr<MeshSink> sink =
+        with_fields(a.fields, open_mesh_file(a.mesh, a.file_options()));
     // Fails early if the format cannot hold the attributes of the mesh.
     MeshLayout layout;
     layout.frame = store.frame();

@@ -232,21 +232,28 @@ void add_fetched(const VolumeSource& volume, Result& result, const char* key) {
     }
 }
 
-Error with_set_aside(const Error& error, const RemoteArguments& a) {
+Error with_enough_memory(const Error& error,
+                         const std::function<std::uint64_t(std::uint64_t)>& total_of) {
     std::vector<Remedy> remedies = error.remedies();
     for (Remedy& remedy : remedies) {
         std::uint64_t enough = 0;
         const char* const end = remedy.value.data() + remedy.value.size();
         if (remedy.kind == RemedyKind::more_memory &&
             std::from_chars(remedy.value.data(), end, enough).ec == std::errc{}) {
-            for (int i = 0; i < a.opened; ++i) {
-                // A quarter is set aside, so x bytes for the work need a total of 4/3 x.
-                enough += std::clamp(enough / 3 + 1, RemoteAccess::kMinMemory, kMaxAside);
-            }
-            remedy.value = std::to_string(enough);
+            remedy.value = std::to_string(total_of(enough));
         }
     }
     return {error.kind(), error.place(), error.problem(), std::move(remedies)};
+}
+
+Error with_set_aside(const Error& error, const RemoteArguments& a) {
+    return with_enough_memory(error, [&](std::uint64_t enough) {
+        for (int i = 0; i < a.opened; ++i) {
+            // A quarter is set aside, so x bytes for the work need a total of 4/3 x.
+            enough += std::clamp(enough / 3 + 1, RemoteAccess::kMinMemory, kMaxAside);
+        }
+        return enough;
+    });
 }
 
 }  // namespace isonest::detail::cli

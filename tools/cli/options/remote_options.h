@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -72,6 +73,9 @@ void add_fetched(const Store& store, Result& result);
 /// The same for a volume; the member of the JSON is called `key`.
 void add_fetched(const VolumeSource& volume, Result& result, const char* key = "remote");
 
+/// Replaces the memory that the error's remedies ask for, bytes of a part, by total_of(bytes).
+Error with_enough_memory(const Error& error,
+                         const std::function<std::uint64_t(std::uint64_t)>& total_of);
 /// Increases the memory that the error's remedies ask for by what is set aside.
 Error with_set_aside(const Error& error, const RemoteArguments& a);
 

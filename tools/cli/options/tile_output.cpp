@@ -168,7 +168,7 @@ std::unique_ptr<MeshSink> MeshOutput::sink(std::size_t feature) {
     std::unique_ptr<MeshSink> made = tileset_      ? tileset_->sink(feature)
                                      : collection_ ? collection_->sink(feature)
                                                    : open_mesh_file(mesh_, file_);
-    return fields_ != nullptr ? fields_->sink(std::move(made)) : std::move(made);
+    return with_fields(fields_, std::move(made));
 }
 
 void MeshOutput::finish(const ExtractReport& r, Progress& progress, Result& result) {
