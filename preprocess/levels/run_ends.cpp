@@ -39,6 +39,22 @@ void require_place(const VolumeDescription& volume) {
         !other.empty()) {
         throw Error(ErrorKind::invalid_argument, {volume.name}, other);
     }
+    if (const std::string uneven = why_not_uneven(volume.nodes, volume.spacing, volume.origin,
+                                                  volume.direction, volume.uneven);
+        !uneven.empty()) {
+        throw Error(ErrorKind::invalid_argument, {volume.name}, uneven);
+    }
+}
+
+/// Throws Error{unsupported} for an indicator that is computed for even steps only.
+void require_even_for(const VolumeDescription& volume, const std::vector<Field>& fields) {
+    for (const Field field : fields) {
+        if (!is_own(field) && !is_of_cells(field) && indicator_of(field) != Indicator::deviation &&
+            indicator_of(field) != Indicator::linf) {
+            require_even_axes(volume.uneven, volume.name,
+                              fmt::format("the indicator {}", name_of(field)));
+        }
+    }
 }
 
 /// Throws Error{invalid_argument} unless rounding_of() may return this for the volume.
@@ -72,6 +88,7 @@ void require_rounding(const VolumeDescription& volume, const DataRounding& round
 
 StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& options) {
     require_place(volume);
+    require_even_for(volume, options.fields);
     StoreHeader header = header_of(volume);
     header.chunk = options.chunk;
     header.compression = options.compression;
@@ -153,6 +170,7 @@ std::string identity_of(const StoreHeader& h, const VolumeSource& source,
            (h.unit ? fmt::format("unit {}\n", symbol_of(*h.unit)) : "") +
            (h.frame == AnatomicalFrame::unknown ? ""
                                                 : fmt::format("frame {}\n", name_of(h.frame))) +
+           (h.uneven ? fmt::format("uneven {}\n", fmt::join(h.uneven->offsets, " ")) : "") +
            (h.rounding.none() ? "" : fmt::format("rounding {}\n", h.rounding.step)) +
            own_identities(options.own);
 }

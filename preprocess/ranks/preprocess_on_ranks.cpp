@@ -51,6 +51,9 @@ std::string input_text(const VolumeSource& source) {
     for (const Double3& axis : v.direction) {
         text += fmt::format("{}\n", fmt::join(axis, " "));
     }
+    for (std::size_t a = 0; v.uneven && a < 3; ++a) {
+        text += fmt::format("{}\n", fmt::join(v.uneven->offsets.at(a), " "));
+    }
     for (const LabelName& name : source.label_names()) {
         text += fmt::format("{} {}\n", name.id, name.name);
     }

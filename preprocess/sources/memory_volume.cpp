@@ -41,8 +41,12 @@ MemoryVolume::MemoryVolume(const void* data, ValueType type, const Int3& nodes, 
 }
 
 VolumeDescription MemoryVolume::describe() const {
-    return {nodes_, type_,        layout_.spacing, layout_.origin, layout_.name, layout_.direction,
-            false,  layout_.unit, layout_.frame};
+    return {nodes_,          type_,
+            layout_.spacing, layout_.origin,
+            layout_.name,    layout_.direction,
+            false,           layout_.unit,
+            layout_.frame,   {},
+            layout_.uneven};
 }
 
 std::span<const std::byte> MemoryVolume::mapped() const {

@@ -50,6 +50,7 @@ class Placed : public DescribedSource {
     [[nodiscard]] VolumeDescription describe() const override {
         VolumeDescription result = inner_source().describe();
         result.spacing = spacing_.value_or(result.spacing);
+        result.uneven = spacing_ ? nullptr : result.uneven;
         result.origin = origin_.value_or(result.origin);
         result.unit = unit_ ? unit_ : result.unit;
         if (spacing_ && result.direction != kAlongWorld) {

@@ -373,7 +373,8 @@ double Rotation::min_step(const Int3& nodes, const LatticeSteps& steps) const {
     // A vector has a component with more than half of its length.
     const double least =
         2 * (static_cast<double>(largest) - static_cast<double>(std::nextafter(largest, 0.0F)));
-    return least / std::min({steps.along[0], steps.along[1], steps.along[2]});
+    const Double3 shortest = steps.min_along();
+    return least / std::min({shortest[0], shortest[1], shortest[2]});
 }
 
 PlacedVertex placed_vertex(std::uint64_t number, const Place& at,

@@ -21,6 +21,11 @@ constexpr Features of(std::initializer_list<Feature> features) {
 }
 
 constexpr std::array kRefused{
+    Combination{Feature::uneven_axes,
+                of({Feature::culling, Feature::smooth_label, Feature::nested_distance,
+                    Feature::volume_interval}),
+                "these need nodes at even distances; within a distance the effort fast or best "
+                "gives the mesh"},
     Combination{Feature::isolines,
                 of({Feature::culling, Feature::closing, Feature::label, Feature::hexahedra,
                     Feature::triangles, Feature::fast, Feature::simplified_error,
@@ -185,7 +190,8 @@ void set_cells(Features& features, const std::optional<Cells>& given, const IsCh
 }
 
 template <class IsCheaper>
-Features surface_features(const SurfaceQuery& query, bool isolines, const IsCheaper& is_cheaper) {
+Features surface_features(const SurfaceQuery& query, bool isolines, bool uneven,
+                          const IsCheaper& is_cheaper) {
     Features features = place_features(query) | stage_features(query.stages);
     set(features, Feature::exact_vertices, query.grid.vertices == VertexPlace::exact);
     set(features, Feature::culling, query.grid.culling.has_value());
@@ -197,6 +203,7 @@ Features surface_features(const SurfaceQuery& query, bool isolines, const IsChea
     set(features, Feature::open, !query.stages.close);
     set(features, Feature::volume_interval, query.volume_interval);
     set(features, Feature::isolines, isolines);
+    set(features, Feature::uneven_axes, uneven);
     std::visit(StopFeatures{features, query.effort}, query.stop);
     set(features, Feature::no_distance, !has(features, Feature::distance));
     // A field by which elements are skipped is one of tetrahedra.
@@ -210,6 +217,8 @@ Features surface_features(const SurfaceQuery& query, bool isolines, const IsChea
 
 const char* name_of(Feature feature) {
     switch (feature) {
+        case Feature::uneven_axes:
+            return "uneven axes";
         case Feature::isolines:
             return "isolines";
         case Feature::label:
@@ -283,11 +292,12 @@ std::span<const Combination> refused_combinations() {
 }
 
 Features features_of(const SurfaceQuery& query) {
-    return surface_features(query, false, kTetrahedra);
+    return surface_features(query, false, false, kTetrahedra);
 }
 
 Features features_of(const StoreReader& store, const SurfaceQuery& query) {
-    return surface_features(query, is_flat(store), [&] {
+    const bool uneven = store.layout().header().uneven != nullptr;
+    return surface_features(query, is_flat(store), uneven, [&] {
         const auto* const stop = std::get_if<ErrorBound>(&query.stop);
         // An indicator other than the default is one of tetrahedra.
         return stop != nullptr && stop->indicator == ErrorIndicator::deviation && stop->value > 0 &&
@@ -296,12 +306,14 @@ Features features_of(const StoreReader& store, const SurfaceQuery& query) {
 }
 
 Features features_of(const VolumeDescription& volume, const SurfaceQuery& query) {
-    return surface_features(query, Lattice(volume.nodes).dimension() == 2, kTetrahedra);
+    return surface_features(query, Lattice(volume.nodes).dimension() == 2, volume.uneven != nullptr,
+                            kTetrahedra);
 }
 
 Features features_of(const StoreReader& store, const LabelQuery& query) {
     Features features = stage_features(query.stages);
     set(features, Feature::label);
+    set(features, Feature::uneven_axes, store.layout().header().uneven != nullptr);
     set(features, Feature::smooth_label, query.smooth.has_value());
     set(features, Feature::stepped_label, !query.smooth);
     set(features, Feature::isolines, is_flat(store));
@@ -342,7 +354,7 @@ Effort effort_of(const Features& features) {
 }
 
 bool needs_store(const VolumeDescription& volume, const SurfaceQuery& query) {
-    const Features features = surface_features(query, false, kTetrahedra);
+    const Features features = surface_features(query, false, volume.uneven != nullptr, kTetrahedra);
     constexpr std::array kOfStores{
         Feature::error,   Feature::simplified_error, Feature::nested_distance,
         Feature::place,   Feature::volume_interval,  Feature::exact_vertices,

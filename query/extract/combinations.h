@@ -15,6 +15,8 @@
 namespace isonest::detail {
 
 enum class Feature : std::uint8_t {
+    // The volume.
+    uneven_axes,
     // The product.
     isolines,
     label,

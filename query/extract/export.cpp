@@ -171,6 +171,7 @@ Int3 export_field(const StoreReader& store, const std::filesystem::path& path,
     const StoreLayout& layout = store.layout();
     const StoreHeader& header = layout.header();
     VolumeFileSpec spec;
+    spec.uneven = header.uneven;
     spec.origin = header.origin;
     spec.direction = header.direction;
     spec.unit = header.unit;

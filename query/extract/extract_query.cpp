@@ -137,6 +137,7 @@ Culling culling_of(const StoreReader& store, const BackfaceCulling& asked) {
 }
 
 ClipBox clip_box(const StoreHeader& header, const std::optional<WorldBox>& box) {
+    const LatticeSteps steps = header.steps();
     ClipBox clip;
     for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
@@ -150,8 +151,8 @@ ClipBox clip_box(const StoreHeader& header, const std::optional<WorldBox>& box) 
                                     "comes first",
                                     box->lo[a], box->hi[a], "xyz"[a]));
         }
-        clip.lo[a] = std::max(clip.lo[a], (box->lo[a] - header.origin[a]) / header.spacing[a]);
-        clip.hi[a] = std::min(clip.hi[a], (box->hi[a] - header.origin[a]) / header.spacing[a]);
+        clip.lo[a] = std::max(clip.lo[a], steps.place(a, box->lo[a] - header.origin[a]));
+        clip.hi[a] = std::min(clip.hi[a], steps.place(a, box->hi[a] - header.origin[a]));
     }
     return clip;
 }
@@ -331,10 +332,11 @@ MemoryShare memory_of(const ExtractOptions& options, const std::string& name) {
 }
 
 double world_distance(const StoreHeader& header, const DistanceBound& asked) {
+    const Double3 spacing = header.uneven ? header.steps().min_along() : header.spacing;
     double voxel = kInfinity;
     for (int axis = 0; axis < 3; ++axis) {
         if (header.nodes[axis] > 1) {
-            voxel = std::min(voxel, header.spacing[static_cast<std::size_t>(axis)]);
+            voxel = std::min(voxel, spacing[static_cast<std::size_t>(axis)]);
         }
     }
     return asked.voxels && std::isfinite(voxel) ? asked.value * voxel : asked.value;
@@ -395,8 +397,11 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
             asked.stages.error = asked.threshold;
             asked.stages.error_effort = effort;
         }
-        // Hexahedra are simplified from full resolution.
-        const double share = cells == Cells::hexahedra ? 0 : nested_share(grid.vertices);
+        // Hexahedra are simplified from full resolution. So are surfaces of volumes with uneven
+        // axes: the error of a coarser triangle is that of its image in the lattice, which is bent.
+        const double share = cells == Cells::hexahedra || asked.steps.uneven != nullptr
+                                 ? 0
+                                 : nested_share(grid.vertices);
         asked.traversal.tolerance =
             Tolerance(share * asked.threshold, {}, {}, asked.steps, asked.origin);
     }
@@ -495,6 +500,7 @@ ExtractQuery extract_query(const StoreReader& store, const GraphQuery& query, bo
     require_numbers(store, "a graph");
     require_plane(store);
     require_combination(features_of(query), store.path().string());
+    require_even_axes(store.layout().header().uneven, store.path().string(), "a graph");
     if (!std::isfinite(query.scale)) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("scale {}: must be a finite number", query.scale));

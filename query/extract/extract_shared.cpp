@@ -164,6 +164,9 @@ TraversalJob job_of(const StoreReader& store, const ExtractQuery& q) {
         q.label.has_value(), 0,          {},      q.steps,      q.origin, q.coordinate_rounding,
         q.min_apart};
     job.stop = sent_field(store, t.stop);
+    // An address in this process.
+    job.steps.uneven = nullptr;
+    job.tolerance.use_axes(nullptr);
     if (t.attributes.error) {
         job.attributes.error = sent_field(store, *t.attributes.error);
     }
@@ -195,6 +198,8 @@ ExtractQuery query_of(const TraversalJob& job, const StoreReader& store, const S
         q.label = LabelChoice{job.label, {{job.label_within[0], job.label_within[1]}}};
     }
     q.steps = job.steps;
+    q.steps.uneven = store.layout().header().uneven.get();
+    t.tolerance.use_axes(q.steps.uneven);
     q.origin = job.origin;
     q.coordinate_rounding = job.coordinate_rounding;
     q.min_apart = job.min_apart;

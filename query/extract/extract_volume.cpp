@@ -330,8 +330,9 @@ ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query,
     SlabReader reader(volume);
     const SlabPlan plan = slab_plan(reader, description, memory_of(options, description.name));
     MeshLayout layout = layout_of(description, query.normals);
-    const double rounding = coordinate_rounding(nodes, description.spacing, description.origin);
-    const SlabPlace place{query.iso, query.normals, description.spacing, description.origin,
+    const LatticeSteps steps = header_of(description).steps();
+    const double rounding = coordinate_rounding(nodes, steps, description.origin);
+    const SlabPlace place{query.iso, query.normals, steps, description.origin,
                           sight_apart(rounding, kMinApart)};
     ExtractReport report;
     Workers(plan.threads).execute([&] {
@@ -359,7 +360,7 @@ ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query,
                 last_triangles = result.slab.triangles.size();
                 join.append(std::move(result.slab));
             });
-        Double3 min_step = description.spacing;
+        Double3 min_step = steps.min_along();
         for (double& step : min_step) {
             step *= kMinNudge;
         }

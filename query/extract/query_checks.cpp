@@ -58,8 +58,9 @@ ErrorIndicator error_indicator(const SurfaceStop& stop) {
 /// Maximum error of the volume of a mesh.
 double rounding_of(const ExtractReport& r, const StoreHeader& header) {
     const double longest = diagonal_of(header);
-    const double moved = r.coordinate_rounding *
-                         (header.is_sheared() ? header.steps().diagonal() : length(header.spacing));
+    const double moved =
+        r.coordinate_rounding *
+        (header.steps().is_regular() ? length(header.spacing) : header.steps().diagonal());
     const double area = r.measures->area;
     const auto triangles = static_cast<double>(r.triangles);
     return moved * (area + triangles * 2 * moved * (longest + 3 * moved)) +
@@ -460,8 +461,8 @@ void require_float32(const StoreReader& store, const ExtractQuery& query) {
             height ? value_range(store) : std::array{0.0, static_cast<double>(nodes[axis] - 1)};
         const auto reach =
             height || !query.steps.is_sheared()
-                ? std::array{query.origin[a] + query.steps.along[a] * ends[0],
-                             query.origin[a] + query.steps.along[a] * ends[1]}
+                ? std::array{query.origin[a] + query.steps.offset(a, ends[0]),
+                             query.origin[a] + query.steps.offset(a, ends[1])}
                 : reach_of({0, 0, 0},
                            {static_cast<double>(nodes.x - 1), static_cast<double>(nodes.y - 1),
                             static_cast<double>(nodes.z - 1)},

@@ -32,7 +32,7 @@ namespace isonest {
 using detail::StoreLayout;
 using detail::StoreReader;
 
-Placement::Placement(const Store& store) : origin_(store.origin()) {
+Placement::Placement(const Store& store) : origin_(store.origin()), uneven_(store.uneven_axes()) {
     const Directions direction = store.direction();
     std::array<Double3, 3> along{};
     std::size_t count = 0;
@@ -51,6 +51,32 @@ Placement::Placement(const Store& store) : origin_(store.origin()) {
                 : count == 2 ? length(cross(along[0], along[1])) / 2
                 : count == 3 ? std::fabs(dot(along[0], cross(along[1], along[2]))) / 6
                              : 0;
+}
+
+double Placement::even_steps(std::size_t axis, std::int64_t node) const {
+    const std::vector<double>& offsets = uneven_->offsets.at(axis);
+    if (offsets.empty()) {
+        return static_cast<double>(node);
+    }
+    // Elements may extend beyond the last node.
+    const std::int64_t last = std::ssize(offsets) - 1;
+    return offsets.at(static_cast<std::size_t>(std::min(node, last))) / offsets.back() *
+           static_cast<double>(last);
+}
+
+double Placement::size_of(std::span<const Double3> corners) {
+    std::array<Double3, 3> along{};
+    for (std::size_t i = 1; i < corners.size(); ++i) {
+        for (std::size_t w = 0; w < 3; ++w) {
+            along.at(i - 1).at(w) = corners[i].at(w) - corners[0].at(w);
+        }
+    }
+    using detail::cross;
+    using detail::dot;
+    using detail::length;
+    return corners.size() == 2   ? length(along[0])
+           : corners.size() == 3 ? length(cross(along[0], along[1])) / 2
+                                 : std::fabs(dot(along[0], cross(along[1], along[2]))) / 6;
 }
 
 int dimension_of(const Store& store) {

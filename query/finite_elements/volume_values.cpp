@@ -31,8 +31,8 @@ VolumeDescription VolumeValues::describe() const {
         return source_->describe();
     }
     const StoreHeader& h = store_->layout().header();
-    return {h.nodes,     h.type,   h.spacing, h.origin, store_->path().string(),
-            h.direction, h.labels, h.unit,    h.frame};
+    return {h.nodes, h.type,  h.spacing, h.origin, store_->path().string(), h.direction, h.labels,
+            h.unit,  h.frame, {},        h.uneven};
 }
 
 std::vector<std::filesystem::path> VolumeValues::files() const {

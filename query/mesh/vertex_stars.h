@@ -25,11 +25,12 @@ namespace isonest::detail {
 inline std::array<double, 2> reach_of(const Double3& lo, const Double3& hi,
                                       const LatticeSteps& steps, const Double3& origin,
                                       std::size_t axis) {
+    if (!steps.is_sheared()) {
+        return {origin[axis] + steps.offset(axis, lo[axis]),
+                origin[axis] + steps.offset(axis, hi[axis])};
+    }
     std::array<double, 2> reach{origin[axis] + steps.along[axis] * lo[axis],
                                 origin[axis] + steps.along[axis] * hi[axis]};
-    if (!steps.is_sheared()) {
-        return reach;
-    }
     const auto add = [&](double by, std::size_t other) {
         reach[0] += std::min(by * lo[other], by * hi[other]);
         reach[1] += std::max(by * lo[other], by * hi[other]);
@@ -58,6 +59,7 @@ inline double largest_coordinate(const Int3& nodes, const LatticeSteps& steps,
 /// nodes. `nodes`: number along each axis. REQUIRES: world coordinates within float32.
 inline double coordinate_rounding(const Int3& nodes, const LatticeSteps& steps,
                                   const Double3& origin) {
+    const Double3 least = steps.min_along();
     double most = 0;
     Double3 half{};
     for (int axis = 0; axis < 3; ++axis) {
@@ -66,7 +68,7 @@ inline double coordinate_rounding(const Int3& nodes, const LatticeSteps& steps,
         const double next = std::nextafter(largest, 0.0F);
         if (nodes[axis] > 1) {
             half[a] = (static_cast<double>(largest) - next) / 2;
-            most = std::max(most, half[a] / steps.along[a]);
+            most = std::max(most, half[a] / least[a]);
         }
     }
     return steps.is_sheared() ? steps.max_steps(half) : most;
@@ -78,10 +80,11 @@ inline double max_in_lattice(const Double3& moved, const LatticeSteps& steps) {
     if (steps.is_sheared()) {
         return steps.max_steps(moved);
     }
+    const Double3 least = steps.min_along();
     double most = 0;
     for (std::size_t axis = 0; axis < 3; ++axis) {
         if (moved[axis] > 0) {
-            most = std::max(most, moved[axis] / std::fabs(steps.along[axis]));
+            most = std::max(most, moved[axis] / std::fabs(least[axis]));
         }
     }
     return most;
@@ -153,8 +156,8 @@ inline BoxFaces box_faces(const Double3& lo, const Double3& hi, const LatticeSte
     BoxFaces faces;
     for (std::size_t axis = 0; axis < 3; ++axis) {
         if (plane.at(axis)) {
-            faces.lo[axis] = static_cast<float>(origin[axis] + steps.along[axis] * lo[axis]);
-            faces.hi[axis] = static_cast<float>(origin[axis] + steps.along[axis] * hi[axis]);
+            faces.lo[axis] = static_cast<float>(origin[axis] + steps.offset(axis, lo[axis]));
+            faces.hi[axis] = static_cast<float>(origin[axis] + steps.offset(axis, hi[axis]));
             continue;
         }
         // The gradient of the lattice coordinate.

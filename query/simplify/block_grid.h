@@ -10,6 +10,7 @@
 
 #include "query/mesh/scratch_mesh.h"
 #include "query/simplify/block_files.h"
+#include "query/values/flat_pieces.h"
 #include "store/base/vectors.h"
 #include "store/files/scratch_file.h"
 
@@ -22,8 +23,19 @@ struct WorldLattice {
     LatticeSteps steps;
     Int3 nodes{1, 1, 1};
 
+    [[nodiscard]] Double3 relative(const Double3& world) const {
+        return {world[0] - origin[0], world[1] - origin[1], world[2] - origin[2]};
+    }
     [[nodiscard]] Double3 position_of(const Double3& world) const {
-        return steps.steps_of({world[0] - origin[0], world[1] - origin[1], world[2] - origin[2]});
+        return steps.steps_of(relative(world));
+    }
+    /// Calls f(triangle) with triangles in lattice coordinates that together are the triangle of
+    /// the world, as for_each_flat_piece() does.
+    template <class F>
+    bool for_each_piece(const std::array<Double3, 3>& t, const F& f) const {
+        return for_each_flat_piece(steps, {relative(t[0]), relative(t[1]), relative(t[2])}, {},
+                                   [&](const std::array<Double3, 3>& piece,
+                                       const std::array<double, 3>&) { return f(piece); });
     }
 };
 

@@ -421,7 +421,8 @@ ApartVertices move_apart(std::span<std::array<float, 3>> positions, std::uint64_
                          const ScratchFolder& folder, Progress& progress) {
     TouchedTriangles touched(vertices.all(), positions.size(), folder);
     touched.gather_among(triangles, corners, progress);
-    const LatticeSteps steps(volume.spacing);
+    const LatticeSteps steps = header_of(volume).steps();
+    const Double3 least = steps.min_along();
     ApartRange range;
     range.moves = is_short_step(
         step_apart(coordinate_rounding(volume.nodes, steps, volume.origin), kMinApart));
@@ -429,10 +430,9 @@ ApartVertices move_apart(std::span<std::array<float, 3>> positions, std::uint64_
     range.hi = layout.hi;
     for (std::size_t axis = 0; axis < 3; ++axis) {
         const auto last = static_cast<double>(volume.nodes[static_cast<int>(axis)] - 1);
-        range.min_step[axis] = volume.spacing[axis] * kMinApart;
+        range.min_step[axis] = least[axis] * kMinApart;
         range.low_faces[axis] = static_cast<float>(volume.origin[axis]);
-        range.high_faces[axis] =
-            static_cast<float>(volume.origin[axis] + volume.spacing[axis] * last);
+        range.high_faces[axis] = static_cast<float>(volume.origin[axis] + steps.offset(axis, last));
     }
     return keep_apart(positions, touched.all(), vertices.all(), range, folder, progress);
 }
@@ -538,13 +538,13 @@ SettledMesh settle_mesh(const JoinedMesh& joined, const MeshLayout& layout,
             vertices, layout, volume, folder, progress);
         settled = measured(mesh, layout, joined.angles.has_value());
         settled.apart = {apart.moved, apart.left};
-        settled.moved_apart = max_in_lattice(apart.by, volume.spacing);
+        settled.moved_apart = max_in_lattice(apart.by, header_of(volume).steps());
     } else {
         settled.zero_area = joined.mended.left;
         settled.measures = joined.sums.measures();
         settled.quality = joined.angles ? std::optional(joined.angles->quality()) : std::nullopt;
     }
-    settled.moved_by_mending = max_in_lattice(joined.mended.moved, volume.spacing);
+    settled.moved_by_mending = max_in_lattice(joined.mended.moved, header_of(volume).steps());
     if (joined.without_normal > 0) {
         complete_normals(mesh.vertices, mesh.triangles, mesh.normals, folder, progress);
     }

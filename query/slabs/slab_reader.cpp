@@ -72,6 +72,11 @@ void require_marchable(const VolumeDescription& volume, double iso) {
     if (const std::string why = why_no_directions(n, volume.direction); !why.empty()) {
         throw Error(ErrorKind::invalid_argument, {volume.name}, why);
     }
+    if (const std::string why =
+            why_not_uneven(n, volume.spacing, volume.origin, volume.direction, volume.uneven);
+        !why.empty()) {
+        throw Error(ErrorKind::invalid_argument, {volume.name}, why);
+    }
     if (std::min({n.x, n.y, n.z}) < 2) {
         throw Error(ErrorKind::invalid_argument, {volume.name},
                     fmt::format("{} x {} x {} nodes have no cells", n.x, n.y, n.z));

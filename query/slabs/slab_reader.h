@@ -100,7 +100,10 @@ class SlabGradient {
             const std::int64_t low = p[axis] > 0 ? -step_[a] : 0;
             const std::int64_t high = p[axis] + 1 < values_.nodes[axis] ? step_[a] : 0;
             const double by = static_cast<double>(at[high]) - static_cast<double>(at[low]);
-            g[a] = by / (low != 0 && high != 0 ? two_[a] : one_[a]);
+            g[a] = by / (steps_.is_uneven(a)     ? steps_.between(a, p[axis] - (low != 0 ? 1 : 0),
+                                                                  p[axis] + (high != 0 ? 1 : 0))
+                         : low != 0 && high != 0 ? two_[a]
+                                                 : one_[a]);
         }
         return steps_.gradient(g);
     }
@@ -111,7 +114,8 @@ class SlabGradient {
                p.y + 1 + (axis == 1 ? 1 : 0) < n.y && p.z + 1 + (axis == 2 ? 1 : 0) < n.z;
     }
     /// Writes the differences for the gradient on an inner edge to row k: those over step() at its
-    /// node `at` and at the next one along `axis`. REQUIRES: is_inner_edge(); axes at right angles.
+    /// node `at` and at the next one along `axis`. REQUIRES: is_inner_edge(); regular
+    /// steps.
     template <class Rows>
     void differences(const T* at, std::size_t axis, std::size_t k, Rows& from, Rows& to) const {
         const T* const next = at + step_[axis];

@@ -194,7 +194,7 @@ class SlabVertices {
         if (!place_.normals) {
             return {};
         }
-        if (place_.steps.is_sheared() || !gradient_.is_inner_edge(low, axis)) {
+        if (!place_.steps.is_regular() || !gradient_.is_inner_edge(low, axis)) {
             Int3 high = low;
             ++high[axis];
             return normal(low, high, t);

@@ -12,15 +12,42 @@
 
 namespace isonest::detail {
 
+namespace {
+
+LatticePlane even_plane(const StoreHeader& header, const WorldPlane& world) {
+    LatticePlane plane{header.steps().changes(world.normal), world.offset};
+    for (std::size_t a = 0; a < 3; ++a) {
+        plane.offset -= world.normal[a] * header.origin[a];
+    }
+    return plane;
+}
+
+/// In lattice coordinates, only planes across an axis are planes. Throws Error{unsupported} for
+/// others.
+LatticePlane uneven_plane(const StoreHeader& header, const WorldPlane& world) {
+    const auto across =
+        std::count_if(world.normal.begin(), world.normal.end(), [](double n) { return n != 0; });
+    if (across > 1) {
+        require_even_axes(header.uneven, {}, "a plane that is not across one of the axes");
+    }
+    LatticePlane plane{{0, 0, 0}, 0};
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (const double n = world.normal[a]; n != 0) {
+            plane.normal[a] = n;
+            plane.offset = n * header.steps().place(a, world.offset / n - header.origin[a]);
+        }
+    }
+    return plane;
+}
+
+}  // namespace
+
 LatticePlane lattice_plane(const StoreHeader& header, const WorldPlane& world) {
-    LatticePlane plane;
-    plane.offset = world.offset;
-    plane.normal = header.steps().changes(world.normal);
+    LatticePlane plane = header.uneven ? uneven_plane(header, world) : even_plane(header, world);
     double size = 0;
     double low = 0;  // minimum of n . p over the volume
     for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
-        plane.offset -= world.normal[a] * header.origin[a];
         size += std::fabs(world.normal[a]);
         low += std::min(0.0, plane.normal[a] * static_cast<double>(header.nodes[axis] - 1));
     }
@@ -134,13 +161,13 @@ Tolerance::Tolerance(double threshold, const std::optional<Focus>& focus,
 
 double Tolerance::at(const Int3& twice, std::int64_t half_scale) const {
     const double scale = static_cast<double>(half_scale) / 2;
-    Double3 p = steps_.vector(
-        {static_cast<double>(twice.x), static_cast<double>(twice.y), static_cast<double>(twice.z)});
+    Double3 p = steps_.vector({static_cast<double>(twice.x) / 2, static_cast<double>(twice.y) / 2,
+                               static_cast<double>(twice.z) / 2});
     int odd = 0;
     for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
         odd += static_cast<int>((twice[axis] / half_scale) & 1);
-        p[a] = origin_[a] + p[a] / 2;
+        p[a] = origin_[a] + p[a];
     }
     const double radius = (reach_ - (3 - odd) * step_) * scale;
     double threshold = threshold_;

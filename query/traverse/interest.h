@@ -119,6 +119,8 @@ class Tolerance {
     [[nodiscard]] bool stops(double eta, const Int3& twice, std::int64_t half_scale) const {
         return varies_ ? eta < at(twice, half_scale) : eta < threshold_;
     }
+    /// Replaces the uneven axes by an equal object, for example that of another process.
+    void use_axes(const UnevenAxes* uneven) { steps_.uneven = uneven; }
 
   private:
     [[nodiscard]] double at(const Int3& twice, std::int64_t half_scale) const;

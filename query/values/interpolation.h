@@ -28,10 +28,13 @@ class Interpolation {
           level_(options.level),
           cells_(layout.lattice().cells_at(level_)),
           is_linear_(options.cells == Cells::tetrahedra) {
+        LatticeSteps shortest = steps_;
+        shortest.along = steps_.min_along();
+        shortest.uneven = nullptr;
         for (std::size_t axis = 0; axis < 3; ++axis) {
             Double3 unit{};
             unit[axis] = 1;
-            unit_steps_[axis] = steps_.steps_of(unrotated(rotation_, unit));
+            unit_steps_[axis] = shortest.steps_of(unrotated(rotation_, unit));
         }
     }
 
@@ -40,11 +43,15 @@ class Interpolation {
         Int3 cell;
         Double3 in_cell{};  ///< from 0 to 1 along each axis
     };
+    [[nodiscard]] const LatticeSteps& steps() const { return steps_; }
+    /// The point in own axes, relative to the first node.
+    [[nodiscard]] Double3 relative(const Double3& point) const {
+        const Double3& o = header_.origin;
+        return unrotated(rotation_, {point[0] - o[0], point[1] - o[1], point[2] - o[2]});
+    }
     /// The point in steps of the finest lattice from its first node.
     [[nodiscard]] Double3 steps_at(const Double3& point) const {
-        const Double3& o = header_.origin;
-        return steps_.steps_of(
-            unrotated(rotation_, {point[0] - o[0], point[1] - o[1], point[2] - o[2]}));
+        return steps_.steps_of(relative(point));
     }
     /// How far, in steps along each axis, the vertex of a mesh in float32 may be from the place
     /// that it was made for, at the border of the volume for example.
@@ -125,7 +132,8 @@ class Interpolation {
     int level_;
     Int3 cells_;
     bool is_linear_;
-    std::array<Double3, 3> unit_steps_{};  ///< steps of a unit of length along each world axis
+    std::array<Double3, 3> unit_steps_{};  ///< steps of a unit of length along each world axis;
+                                           ///< uneven axes: at most
 };
 
 }  // namespace isonest::detail

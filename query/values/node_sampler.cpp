@@ -102,8 +102,7 @@ Double3 NodeSampler::gradient(const Int3& p, int level) {
             continue;
         }
         const auto a = static_cast<std::size_t>(axis);
-        g[a] = (value(high, level) - value(low, level)) /
-               (static_cast<double>(high[axis] - low[axis]) * steps_.along[a]);
+        g[a] = (value(high, level) - value(low, level)) / steps_.between(a, low[axis], high[axis]);
     }
     return steps_.gradient(g);
 }

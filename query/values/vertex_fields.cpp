@@ -16,6 +16,7 @@
 #include <isonest/error.h>
 #include <isonest/vertex_fields.h>
 
+#include "query/values/flat_pieces.h"
 #include "query/values/interpolation.h"
 #include "query/values/label_view.h"
 #include "query/values/linear_bound.h"
@@ -279,26 +280,28 @@ void FieldSink::measure(const ElementBatch& batch) {
             for (std::size_t c = 0; c < field.quantities.size(); ++c) {
                 Quantity& quantity = *field.quantities[c];
                 NodeSampler nodes = quantity.sampler();
+                const Interpolation& in = quantity.interpolation();
                 LinearBound bound;
                 for (std::size_t i = begin; i < end; ++i) {
                     std::array<Double3, 3> corners{};
                     std::array<double, 3> values{};
                     for (std::size_t k = 0; k < 3; ++k) {
                         const std::uint32_t at = batch.nearby_corners[i][k];
-                        corners[k] = quantity.interpolation().steps_at(
-                            in_double(batch.nearby.positions[at]));
+                        corners[k] = in.relative(in_double(batch.nearby.positions[at]));
                         values[k] = batch.nearby.number(at, attribute, static_cast<int>(c));
                     }
                     const bool is_known = std::none_of(values.begin(), values.end(),
                                                        [](double v) { return std::isnan(v); });
-                    const double here =
-                        is_known ? bound.of(corners, values,
-                                            [&](const Double3& steps) {
-                                                const Interpolation& in = quantity.interpolation();
-                                                return in.value(nodes, in.place_in(steps));
-                                            })
-                                 : std::numeric_limits<double>::quiet_NaN();
-                    if (std::isnan(here)) {
+                    double here = 0;
+                    const auto add = [&](const auto& piece, const auto& at_corners) {
+                        const double of_piece =
+                            bound.of(piece, at_corners, [&](const Double3& steps) {
+                                return in.value(nodes, in.place_in(steps));
+                            });
+                        here = std::max(here, of_piece);
+                        return !std::isnan(of_piece);
+                    };
+                    if (!is_known || !for_each_flat_piece(in.steps(), corners, values, add)) {
                         is_unknown[i - begin] = '\1';
                     } else {
                         worst = std::max(worst, here + quantity.tolerance());

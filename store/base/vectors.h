@@ -5,9 +5,12 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
+#include <vector>
 
 #include <isonest/int3.h>
+#include <isonest/uneven_axes.h>
 
 namespace isonest::detail {
 
@@ -175,16 +178,20 @@ inline Directions with_flat_axes_across(const Directions& d, const std::array<bo
     return out;
 }
 
-/// In world units. Without shear, the functions have no rounding errors from it.
+/// In world units. Without shear and with even axes, the functions have no rounding errors from
+/// them. A lattice with uneven axes is not sheared.
 struct LatticeSteps {
-    Double3 along{1, 1, 1};  ///< length of each step along the corresponding own axis
+    Double3 along{1, 1, 1};  ///< length of each step along the corresponding own axis; uneven: mean
     double y_along_x = 0;    ///< component along own x of the step along y
     double z_along_x = 0;
     double z_along_y = 0;
+    const UnevenAxes* uneven = nullptr;  ///< not owned; null: all axes are even
 
     LatticeSteps() = default;
     /// For a lattice at right angles.
     LatticeSteps(const Double3& spacing) : along(spacing) {}
+    /// The same with uneven axes, which must outlive it.
+    LatticeSteps(const Double3& spacing, const UnevenAxes* axes) : along(spacing), uneven(axes) {}
     /// REQUIRES: spacing > 0; span_space(direction); `turn` is own_directions(direction).
     LatticeSteps(const Double3& spacing, const Directions& direction, const Directions& turn)
         : along(spacing) {
@@ -197,13 +204,62 @@ struct LatticeSteps {
             z_along_y = spacing[2] * beside_rounding(dot(direction[2], turn[1]));
         }
     }
-    bool operator==(const LatticeSteps&) const = default;
+    bool operator==(const LatticeSteps& other) const {
+        return along == other.along && y_along_x == other.y_along_x &&
+               z_along_x == other.z_along_x && z_along_y == other.z_along_y &&
+               (uneven == other.uneven ||
+                (uneven != nullptr && other.uneven != nullptr && *uneven == *other.uneven));
+    }
 
     [[nodiscard]] bool is_sheared() const {
         return y_along_x != 0 || z_along_x != 0 || z_along_y != 0;
     }
-    /// The vector of this number of steps along each axis.
+    [[nodiscard]] bool is_uneven(std::size_t axis) const {
+        return uneven != nullptr && !uneven->offsets[axis].empty();
+    }
+    /// Neither sheared nor uneven: each axis has one step, along its own axis.
+    [[nodiscard]] bool is_regular() const { return uneven == nullptr && !is_sheared(); }
+
+    /// Without shear: the distance along an axis from node 0 to a place between nodes, linear from
+    /// each node to the next and beyond the ends.
+    [[nodiscard]] double offset(std::size_t axis, double place) const {
+        if (!is_uneven(axis)) {
+            return along[axis] * place;
+        }
+        const std::vector<double>& nodes = uneven->offsets[axis];
+        const auto last = static_cast<double>(nodes.size() - 1);
+        const double low = std::clamp(std::floor(place), 0.0, last);
+        const auto i = static_cast<std::size_t>(low);
+        const std::size_t from = std::min(i, nodes.size() - 2);
+        return nodes[i] + (place - low) * (nodes[from + 1] - nodes[from]);
+    }
+    /// Its inverse.
+    [[nodiscard]] double place(std::size_t axis, double offset) const {
+        if (!is_uneven(axis)) {
+            return offset / along[axis];
+        }
+        const std::vector<double>& nodes = uneven->offsets[axis];
+        const auto above = std::upper_bound(nodes.begin() + 1, nodes.end() - 1, offset);
+        const auto i = static_cast<std::size_t>(above - nodes.begin()) - 1;
+        return static_cast<double>(i) + (offset - nodes[i]) / (nodes[i + 1] - nodes[i]);
+    }
+    /// The distance between two nodes along an axis, from the first to the second. Along an uneven
+    /// axis, nodes beyond the last one are at the last one.
+    [[nodiscard]] double between(std::size_t axis, std::int64_t from, std::int64_t to) const {
+        if (!is_uneven(axis)) {
+            return static_cast<double>(to - from) * along[axis];
+        }
+        const std::vector<double>& nodes = uneven->offsets[axis];
+        const auto last = static_cast<std::int64_t>(nodes.size()) - 1;
+        return nodes[static_cast<std::size_t>(std::min(to, last))] -
+               nodes[static_cast<std::size_t>(from)];
+    }
+    /// The vector from node 0 to a place between nodes. With even axes: the vector of this number
+    /// of steps along each axis, from anywhere.
     [[nodiscard]] Double3 vector(const Double3& steps) const {
+        if (uneven != nullptr) {
+            return {offset(0, steps[0]), offset(1, steps[1]), offset(2, steps[2])};
+        }
         Double3 v{along[0] * steps[0], along[1] * steps[1], along[2] * steps[2]};
         if (is_sheared()) {
             v[0] += y_along_x * steps[1] + z_along_x * steps[2];
@@ -211,8 +267,11 @@ struct LatticeSteps {
         }
         return v;
     }
-    /// The number of steps along each axis that make up a vector.
+    /// Its inverse.
     [[nodiscard]] Double3 steps_of(const Double3& vector) const {
+        if (uneven != nullptr) {
+            return {place(0, vector[0]), place(1, vector[1]), place(2, vector[2])};
+        }
         if (!is_sheared()) {
             return {vector[0] / along[0], vector[1] / along[1], vector[2] / along[2]};
         }
@@ -220,7 +279,8 @@ struct LatticeSteps {
         const double y = (vector[1] - z_along_y * z) / along[1];
         return {(vector[0] - y_along_x * y - z_along_x * z) / along[0], y, z};
     }
-    /// The gradient of a function that changes by `change[a] * along[a]` per step along axis a.
+    /// The gradient of a function that changes by `change[a] * along[a]` per step along axis a; for
+    /// an uneven axis, `change[a]` is the change per unit of length.
     [[nodiscard]] Double3 gradient(const Double3& change) const {
         if (!is_sheared()) {
             return change;
@@ -229,7 +289,7 @@ struct LatticeSteps {
         return {change[0], y,
                 change[2] - z_along_x / along[2] * change[0] - z_along_y / along[2] * y};
     }
-    /// The change of a function with this gradient per step along each axis.
+    /// The change of a function with this gradient per step along each axis. REQUIRES: even axes.
     [[nodiscard]] Double3 changes(const Double3& gradient) const {
         Double3 c{gradient[0] * along[0], gradient[1] * along[1], gradient[2] * along[2]};
         if (is_sheared()) {
@@ -238,10 +298,18 @@ struct LatticeSteps {
         }
         return c;
     }
+    /// The shortest and the longest step along each axis, as in `along`.
+    [[nodiscard]] Double3 min_along() const {
+        return extreme_along([](double a, double b) { return std::min(a, b); });
+    }
+    [[nodiscard]] Double3 max_along() const {
+        return extreme_along([](double a, double b) { return std::max(a, b); });
+    }
     /// Maximum number of steps along any axis in a vector whose components are at most `most` in
     /// absolute value. `most` must not be negative.
     [[nodiscard]] double max_steps(const Double3& most) const {
-        Double3 inverse{1 / std::fabs(along[0]), 1 / std::fabs(along[1]), 1 / std::fabs(along[2])};
+        const Double3 least = min_along();
+        Double3 inverse{1 / std::fabs(least[0]), 1 / std::fabs(least[1]), 1 / std::fabs(least[2])};
         const double z = most[2] * inverse[2];
         const double y = (most[1] + std::fabs(z_along_y) * z) * inverse[1];
         const double x =
@@ -250,7 +318,8 @@ struct LatticeSteps {
     }
     /// The largest distance between two corners of a cell.
     [[nodiscard]] double diagonal() const {
-        double longest = hypot3(along[0], along[1], along[2]);
+        const Double3 largest = max_along();
+        double longest = hypot3(largest[0], largest[1], largest[2]);
         for (unsigned signs = 0; is_sheared() && signs < 4; ++signs) {
             const Double3 v =
                 vector({1, (signs & 1U) != 0 ? -1.0 : 1.0, (signs & 2U) != 0 ? -1.0 : 1.0});
@@ -260,10 +329,12 @@ struct LatticeSteps {
     }
     /// Lengths of the longest and the shortest step.
     [[nodiscard]] double longest() const {
-        return std::max({along[0], length_of_y(), length_of_z()});
+        const Double3 each = max_along();
+        return std::max({each[0], length_of_y(each[1]), length_of_z(each[2])});
     }
     [[nodiscard]] double shortest() const {
-        return std::min({along[0], length_of_y(), length_of_z()});
+        const Double3 each = min_along();
+        return std::min({each[0], length_of_y(each[1]), length_of_z(each[2])});
     }
 
   private:
@@ -271,11 +342,24 @@ struct LatticeSteps {
     [[nodiscard]] static double beside_rounding(double cosine) {
         return std::fabs(cosine) > 1e-12 ? cosine : 0;
     }
-    [[nodiscard]] double length_of_y() const {
-        return y_along_x != 0 ? hypot3(y_along_x, along[1], 0.0) : along[1];
+    [[nodiscard]] double length_of_y(double along_y) const {
+        return y_along_x != 0 ? hypot3(y_along_x, along_y, 0.0) : along_y;
     }
-    [[nodiscard]] double length_of_z() const {
-        return z_along_x != 0 || z_along_y != 0 ? hypot3(z_along_x, z_along_y, along[2]) : along[2];
+    [[nodiscard]] double length_of_z(double along_z) const {
+        return z_along_x != 0 || z_along_y != 0 ? hypot3(z_along_x, z_along_y, along_z) : along_z;
+    }
+    template <class Choose>
+    [[nodiscard]] Double3 extreme_along(const Choose& choose) const {
+        Double3 chosen = along;
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            if (is_uneven(axis)) {
+                const std::vector<double>& nodes = uneven->offsets[axis];
+                for (std::size_t i = 0; i + 1 < nodes.size(); ++i) {
+                    chosen[axis] = choose(chosen[axis], nodes[i + 1] - nodes[i]);
+                }
+            }
+        }
+        return chosen;
     }
 };
 

@@ -41,6 +41,53 @@ std::string why_no_place(const Int3& nodes, const Double3& spacing, const Double
     return {};
 }
 
+std::string why_not_uneven(const Int3& nodes, const Double3& spacing, const Double3& origin,
+                           const Directions& direction, const UnevenAxesPtr& uneven) {
+    if (!uneven) {
+        return {};
+    }
+    if (!are_directions(direction)) {
+        return "a sheared volume has even axes";
+    }
+    bool any = false;
+    for (std::size_t a = 0; a < 3; ++a) {
+        const std::vector<double>& offsets = uneven->offsets.at(a);
+        if (offsets.empty()) {
+            continue;
+        }
+        any = true;
+        const std::int64_t count = nodes[static_cast<int>(a)];
+        if (std::ssize(offsets) != count || count < 2 || offsets.size() > kMaxUnevenNodes) {
+            return fmt::format(
+                "{} offsets for {} nodes along {}: an uneven axis has 2 to {} nodes, with an "
+                "offset each",
+                offsets.size(), count, "xyz"[a], kMaxUnevenNodes);
+        }
+        const auto cells = static_cast<double>(count - 1);
+        constexpr double kRounding = 1e-12;
+        if (offsets.front() != 0 || !(std::fabs(offsets.back() - spacing[a] * cells) <=
+                                      kRounding * std::fabs(offsets.back()))) {
+            return fmt::format(
+                "offsets along {} from {} to {}: they start with 0 and end with the "
+                "spacing times the number of cells, {}",
+                "xyz"[a], offsets.front(), offsets.back(), spacing[a] * cells);
+        }
+        for (std::size_t i = 0; i + 1 < offsets.size(); ++i) {
+            const double low = origin[a] + offsets[i];
+            const double high = origin[a] + offsets[i + 1];
+            const bool is_small = std::fabs(high) <= std::numeric_limits<float>::max();
+            if (!(offsets[i + 1] - offsets[i] >= kMinSpacing) ||
+                (is_small && !(static_cast<float>(low) < static_cast<float>(high)))) {
+                return fmt::format(
+                    "nodes {} and {} along {} at {} and {}: coordinates must increase, also as "
+                    "32-bit floats",
+                    i, i + 1, "xyz"[a], low, high);
+            }
+        }
+    }
+    return any ? std::string() : "no axis is uneven";
+}
+
 std::string why_no_directions(const Int3& nodes, const Directions& direction) {
     if (!span_space(direction)) {
         return "its directions are not a right-handed basis of unit vectors";
@@ -110,6 +157,17 @@ void require_right_angles(const Directions& direction, const std::string& name,
     }
 }
 
+void require_even_axes(const UnevenAxesPtr& uneven, const std::string& name,
+                       const std::string& what) {
+    if (uneven) {
+        throw Error(ErrorKind::unsupported, {name},
+                    fmt::format("{} needs evenly spaced axes, but the nodes of this volume lie at "
+                                "uneven distances; resample it, or preprocess it with a spacing",
+                                what),
+                    {{RemedyKind::place_in_world, "spacing"}});
+    }
+}
+
 namespace {
 
 void validate(const StoreHeader& header) {
@@ -122,6 +180,11 @@ void validate(const StoreHeader& header) {
         }
     }
     if (const std::string why = why_no_place(header.nodes, header.spacing, header.origin);
+        !why.empty()) {
+        throw Error(ErrorKind::invalid_argument, why);
+    }
+    if (const std::string why = why_not_uneven(header.nodes, header.spacing, header.origin,
+                                               header.direction, header.uneven);
         !why.empty()) {
         throw Error(ErrorKind::invalid_argument, why);
     }

@@ -83,7 +83,7 @@ inline bool has_cube_ranges(const Lattice& lattice, int level) {
 }
 
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 13;
+inline constexpr std::uint32_t kFormatMinor = 14;
 /// The version of the format in which a store is written.
 struct FormatVersion {
     std::uint64_t major = kFormatMajor;
@@ -101,6 +101,9 @@ inline constexpr std::uint32_t kHasDirection = 1;
 inline constexpr std::uint32_t kHasLabels = 2;
 /// Bit of `flags`: the axes in `direction` are not at right angles.
 inline constexpr std::uint32_t kIsSheared = 4;
+/// Bit of `flags`: some axes are uneven; the attributes `offsets_x`, `offsets_y` and `offsets_z`
+/// say where their nodes lie.
+inline constexpr std::uint32_t kIsUneven = 8;
 /// Bit of `flags`: some chunks are stored without the shuffle; their rows say so.
 inline constexpr std::uint32_t kSkipsShuffle = 32;
 /// Bit of `flags`: the values were rounded before they were stored; the attribute `tolerance` says
@@ -118,6 +121,7 @@ struct StoreHeader {
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
     Directions direction = kAlongWorld;                ///< since version 2.5; sheared: 2.11
+    UnevenAxesPtr uneven = {};                         ///< not sheared as well; since version 2.14
     bool labels = false;                               ///< since version 2.6
     std::optional<LengthUnit> unit = {};               ///< unit of length; since version 2.7
     AnatomicalFrame frame = AnatomicalFrame::unknown;  ///< of the world axes; since version 2.10
@@ -141,7 +145,11 @@ struct StoreHeader {
     /// Directions of the volume's own axes (store/base/vectors.h).
     [[nodiscard]] Directions rotation() const { return own_directions(direction); }
     /// Steps in own axes: node p lies at origin + steps().vector(p).
-    [[nodiscard]] LatticeSteps steps() const { return {spacing, direction, rotation()}; }
+    /// They refer to `uneven`.
+    [[nodiscard]] LatticeSteps steps() const {
+        return uneven ? LatticeSteps(spacing, uneven.get())
+                      : LatticeSteps(spacing, direction, rotation());
+    }
     /// The lowest version that supports everything in the header: stores that an older reader can
     /// open keep its version.
     [[nodiscard]] FormatVersion version() const {
@@ -149,11 +157,13 @@ struct StoreHeader {
         constexpr std::uint32_t kSheared = 11;
         constexpr std::uint32_t kWithOwn = 12;
         constexpr std::uint32_t kSkippingOrRounded = 13;
+        constexpr std::uint32_t kUneven = 14;
         const bool own = std::any_of(fields.begin(), fields.end(), is_own);
-        return {kFormatMajor, skips_shuffle || !rounding.none() ? kSkippingOrRounded
-                              : own                             ? kWithOwn
-                              : is_sheared()                    ? kSheared
-                                                                : kWithoutShear};
+        return {kFormatMajor, uneven                              ? kUneven
+                              : skips_shuffle || !rounding.none() ? kSkippingOrRounded
+                              : own                               ? kWithOwn
+                              : is_sheared()                      ? kSheared
+                                                                  : kWithoutShear};
     }
 };
 
@@ -278,6 +288,12 @@ std::string why_no_place(const Int3& nodes, const Double3& spacing, const Double
 /// unit vectors that span space; an axis with one node must be at right angles to the others.
 std::string why_no_directions(const Int3& nodes, const Directions& direction);
 
+/// Why the nodes of these axes cannot lie there; empty if they can, and if all axes are even. An
+/// uneven axis has 2 to kMaxUnevenNodes offsets, one for each node, that start with 0 and increase;
+/// as 32-bit floats, the coordinates of neighbouring nodes differ. `spacing` is their mean step.
+std::string why_not_uneven(const Int3& nodes, const Double3& spacing, const Double3& origin,
+                           const Directions& direction, const UnevenAxesPtr& uneven);
+
 /// Position of the last node in the volume's own axes. The rotation is about the first node, at the
 /// header's origin.
 inline Double3 last_position(const StoreHeader& header) {
@@ -295,6 +311,7 @@ inline StoreHeader header_of(const VolumeDescription& volume) {
     header.spacing = volume.spacing;
     header.origin = volume.origin;
     header.direction = volume.direction;
+    header.uneven = volume.uneven;
     header.labels = volume.labels;
     header.unit = volume.unit;
     header.frame = volume.frame;
@@ -313,5 +330,9 @@ std::string sheared_axes(const Int3& nodes, const std::array<Double3, 3>& steps)
 /// requires it, "smoothing".
 void require_right_angles(const Directions& direction, const std::string& name,
                           const std::string& what);
+
+/// Throws Error{unsupported} unless all axes are even.
+void require_even_axes(const UnevenAxesPtr& uneven, const std::string& name,
+                       const std::string& what);
 
 }  // namespace isonest::detail

@@ -202,6 +202,9 @@ ValueType Store::type() const {
 Directions Store::direction() const {
     return reader_->layout().header().direction;
 }
+UnevenAxesPtr Store::uneven_axes() const {
+    return reader_->layout().header().uneven;
+}
 Double3 Store::spacing() const {
     return reader_->layout().header().spacing;
 }

@@ -145,6 +145,9 @@ void StoreWriter::Impl::create_array(const ArrayInfo& array) {
 }
 
 void StoreWriter::Impl::write_vtk_group() const {
+    if (layout.header().uneven) {
+        return;  // VTKHDF has no grid with uneven axes
+    }
     const WrittenFile out = written_file();
     const GroupHandle group = out.create_group("/VTKHDF");
     const GroupHandle points = out.create_group("/VTKHDF/PointData");

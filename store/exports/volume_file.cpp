@@ -444,6 +444,12 @@ class FlatFile : public VolumeFile {
 std::unique_ptr<VolumeFile> create_volume_file(const std::filesystem::path& path,
                                                const VolumeFileSpec& spec) {
     const std::string ending = path.extension().string();
+    if (spec.uneven && ending != ".npy" && ending != ".raw") {
+        throw Error(ErrorKind::unsupported, {path.string()},
+                    "the nodes of the volume lie at uneven distances, which this format does not "
+                    "hold",
+                    {{RemedyKind::other_format, ".npy, .raw"}});
+    }
     if (ending == ".h5" || ending == ".hdf5") {
         return std::make_unique<Hdf5File>(path, spec);
     }

@@ -11,6 +11,7 @@
 #include <isonest/frame.h>
 #include <isonest/int3.h>
 #include <isonest/length_unit.h>
+#include <isonest/uneven_axes.h>
 #include <isonest/value_type.h>
 
 namespace isonest::detail {
@@ -51,12 +52,15 @@ struct VolumeFileSpec {
     /// position is converted to that frame. NRRD and HDF5 name the frame. The others have no frame
     /// and keep the position unchanged, as do all formats if the frame is unknown.
     AnatomicalFrame frame = AnatomicalFrame::unknown;
+    /// Formats with a place hold only even axes.
+    UnevenAxesPtr uneven = {};
     bool is_int64 = false;  ///< the numbers are int64; `type` is another type of the same size
 };
 
 /// Chooses the format by the extension: .h5 or .hdf5 (dataset /data, [z, y, x], with attributes
 /// spacing and origin in x, y, z order), .nrrd, .nii, .vti, .npy, .mha, .raw (no header). Throws
-/// Error{invalid_argument, not_found, io}.
+/// Error{invalid_argument, not_found, io}, and Error{unsupported} for uneven axes in a format with
+/// a place.
 std::unique_ptr<VolumeFile> create_volume_file(const std::filesystem::path& path,
                                                const VolumeFileSpec& spec);
 

@@ -112,10 +112,21 @@ def test_a_dataarray_without_coordinates_is_an_array(volume, tmp_path):
     same_store(stored(xarray.DataArray(volume), tmp_path / "x"), stored(volume, tmp_path / "y"))
 
 
-def test_unevenly_spaced_coordinates_are_refused(volume):
+def test_unevenly_spaced_coordinates_are_the_places_of_the_nodes(volume, tmp_path):
     array = data_array(volume)
-    with pytest.raises(isonest.Error, match="row.*spaced"):
-        isonest.isosurface(array.assign_coords(row=np.arange(17) ** 2.0), 0.0)
+    uneven = stored(array.assign_coords(row=100 - np.arange(17) ** 2.0), tmp_path / "x")
+    depth, row, column = uneven.coordinates
+    np.testing.assert_array_equal(row, np.sort(100 - np.arange(17) ** 2.0))
+    np.testing.assert_allclose(depth, array.depth)
+    np.testing.assert_array_equal(uneven.values(), volume[:, ::-1])
+    even = stored(array, tmp_path / "y")
+    np.testing.assert_allclose(even.coordinates[1], array.row)
+
+
+def test_coordinates_out_of_order_and_containers_are_refused(volume):
+    array = data_array(volume)
+    with pytest.raises(isonest.Error, match="row.*neither increase nor decrease"):
+        isonest.isosurface(array.assign_coords(row=np.arange(17) % 3), 0.0)
     with pytest.raises(ValueError, match=r"\.isel\(\)"):
         isonest.isosurface(array.expand_dims(time=2), 0.0)
     with pytest.raises(TypeError, match=r"a Dataset is no array.*'v', 'w'"):

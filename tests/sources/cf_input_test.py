@@ -128,12 +128,18 @@ class Cf(Input):
             self.lies([-7, 32, 200], [0.25, 2, 325])
             for levels, spacing, most in (([1000, 850, 500], 250, 100), ([1, 2, 40], 19.5, 18.5)):
                 self.write(data, "f4", fmt, coordinates={"z": levels, **grid})
-                self.refuses(5, "'z' are not evenly spaced", f"0.25,2,{spacing} (x,y,z)", f"up to {most} away", "give --spacing")
-                self.refuses(5, "'z' are not evenly spaced", options=("--every", "2"))
+                np.testing.assert_array_equal(self.values(), data[::-1 if levels[0] > levels[1] else 1, ::-1])
+                self.assertEqual(self.notes, [])
+                self.lies([-7, 32, min(levels)], [0.25, 2, spacing])
+                with h5py.File(self.here / "s.isonest") as store:
+                    self.assertEqual(list(store.attrs["offsets_z"]), sorted(abs(z - min(levels)) for z in levels))
                 found = self.values("--spacing", f"0.25,2,{spacing}")
                 np.testing.assert_array_equal(found, data[::-1 if levels[0] > levels[1] else 1, ::-1])
                 self.noted(("'z' are not evenly spaced", "spacing", f"up to {most} away"))
                 self.lies([-7, 32, min(levels)], [0.25, 2, spacing])
+            for levels in ([1, 2, 2], [1, 3, 2], [2, 1, 2]):
+                self.write(data, "f4", fmt, coordinates={"z": levels, **grid})
+                self.refuses(5, "'z' neither increase nor decrease", "give --spacing")
             # Deviations within the rounding to float32, and a single level, are accepted.
             self.write(data, "f4", fmt, coordinates={**grid, "z": [1, 2, 3], "y": np.float32(4000 - np.arange(5) * 0.1)})
             self.values()

@@ -3,6 +3,7 @@
 
 usage: dicom_input_test.py ISONEST PLUGIN_FOLDER
 """
+import json
 import pathlib
 import re
 import shutil
@@ -16,6 +17,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
 
 try:
+    import h5py
     import nibabel
     import numpy as np
     import pydicom
@@ -170,7 +172,7 @@ class Dicom(DamagedFiles, Module, DicomInput):
         self.reads(self.data, "--series", SERIES)
         self.refuses(3, "Scout", options=("--series", "1.2.5"))
 
-    def test_missing_doubled_and_uneven_slices_are_named(self):
+    def test_missing_and_doubled_slices_are_named(self):
         self.stack(self.data)
         (self.path / "im1.dcm").unlink()  # z = 3
         self.refuses(5, "slices are missing", "1 between", "im3.dcm", "im6.dcm", "--spacing")
@@ -179,12 +181,23 @@ class Dicom(DamagedFiles, Module, DicomInput):
         self.image(self.data[2], "twice.dcm", position=(1, 2, 7))
         self.refuses(5, "duplicate slices", "im3.dcm", "twice.dcm")
         (self.path / "twice.dcm").unlink()
-        self.stack(self.data, places=[0, 1, 2, 3.4, 4, 5])
-        self.refuses(5, "evenly spaced", "1.4 from", "im3.dcm", "im1.dcm")
         self.stack(self.data, places=[0, 1, 2, 3.05, 4, 5])
         self.reads(self.data)
-        self.stack(self.data, places=[0, 1.1, 2.2, 3.3, 4.3, 5.2])
-        self.refuses(5, "im3.dcm", "away from its position")
+
+    def test_slices_at_uneven_distances_lie_at_their_positions(self):
+        for places, words in (([0, 1, 2, 3.4, 4, 5], ("evenly spaced", "1.4 from", "im3.dcm", "im1.dcm")),
+                              ([0, 1.1, 2.2, 3.3, 4.3, 5.2], ("im3.dcm", "away from its position"))):
+            self.stack(self.data, places=places)
+            self.reads(self.data)
+            with h5py.File(self.here / "s.isonest") as store:
+                np.testing.assert_allclose(store.attrs["offsets_z"], places, rtol=1e-12)
+                self.assertEqual(store.attrs["flags"] & 8, 8)
+            done = self.preprocess("--force", "--json")
+            for word in words:
+                self.assertIn(word, "".join(json.loads(done.stdout)["notes"]))
+            self.reads(self.data, "--spacing", "1,1,1")
+            with h5py.File(self.here / "s.isonest") as store:
+                self.assertEqual(store.attrs["flags"] & 8, 0)
 
     def test_images_that_differ_are_named(self):
         self.stack(self.data)

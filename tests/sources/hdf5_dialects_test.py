@@ -395,8 +395,8 @@ class Microscopy(Dialect):
         self.lies([0, 5, 10], [1, 2, 3])
         self.assertEqual(self.about["unit"], "nm")
         with h5py.File(self.path, "a") as file:
-            file["data/tomography/dim2"][...] = [1, 2, 4, 8, 16]
-        self.refuses(5, "'y' are not evenly spaced", "--spacing")
+            file["data/tomography/dim2"][...] = [1, 2, 4, 2, 16]
+        self.refuses(5, "'y' neither increase nor decrease", "--spacing")
 
     def test_a_frame_of_velox(self):
         values = numbers((5, 6, 3), "u2")

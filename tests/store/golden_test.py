@@ -99,7 +99,7 @@ class Golden(unittest.TestCase):
         full = {}
         for name, expected in self.good().items():
             # A mesh file contains its unit and its frame; rotated axes give other positions.
-            key = expected["volume"], expected.get("unit"), expected.get("frame"), "-turned" in name
+            key = expected["volume"], expected.get("unit"), expected.get("frame"), "-turned" in name, "-uneven" in name
             full.setdefault(key, set()).add(expected["meshes"][0])
         for key, hashes in full.items():
             self.assertEqual(len(hashes), 1, key)

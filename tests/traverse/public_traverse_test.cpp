@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 #include <map>
+#include <memory>
 #include <mutex>
 
 #include <isonest/error.h>
@@ -393,6 +394,59 @@ TEST_CASE("positions and sizes of elements are those of a rotated and sheared vo
                      }));
     CHECK(count == 6U * 8 * 4 * 6);
     CHECK(wrong == 0);
+}
+
+TEST_CASE("the elements of a volume with uneven axes fill it, with corners at the coordinates") {
+    const TemporaryFolder folder;
+    const Int3 n{17, 9, 33};
+    struct Uneven : FunctionVolume<float> {
+        using FunctionVolume::FunctionVolume;
+        VolumeDescription description;
+        [[nodiscard]] VolumeDescription describe() const override { return description; }
+    };
+    Uneven volume(n, hills);
+    auto axes = std::make_shared<UnevenAxes>();
+    for (const std::size_t axis : {std::size_t{0}, std::size_t{2}}) {
+        for (std::int64_t i = 0; i < n[static_cast<int>(axis)]; ++i) {
+            const auto x = static_cast<double>(i);
+            axes->offsets.at(axis).push_back(x * (1 + x / 8));
+        }
+    }
+    volume.description = volume.FunctionVolume::describe();
+    volume.description.origin = {-5, 7, 100};
+    volume.description.spacing = {axes->offsets[0].back() / 16, 0.5, axes->offsets[2].back() / 32};
+    volume.description.uneven = axes;
+    make_store(volume, folder / "s", with_chunk(8, true));
+    const Store store(folder / "s");
+    REQUIRE(store.uneven_axes() != nullptr);
+    CHECK(*store.uneven_axes() == *axes);
+    const Placement placement(store);
+    const auto coordinate = [&](std::size_t axis, std::int64_t node) {
+        return volume.description.origin.at(axis) +
+               (axis == 1 ? 0.5 * static_cast<double>(node)
+                          : axes->offsets.at(axis).at(static_cast<std::size_t>(node)));
+    };
+    for (const double error : {0.0, 0.3}) {
+        double size = 0;
+        std::size_t wrong = 0;
+        std::size_t count = 0;
+        for_each_leaf<3>(
+            store, stop_below(store, ErrorBound{.value = error}),
+            in_order<3>([&](const Element<3>& t) {
+                const auto corners = placement(t);
+                for (std::size_t i = 0; i < 4; ++i) {
+                    for (std::size_t axis = 0; axis < 3; ++axis) {
+                        const double expected = coordinate(axis, t.v[i][static_cast<int>(axis)]);
+                        wrong += std::fabs(corners[i][axis] - expected) < 1e-12 * 200 ? 0 : 1;
+                    }
+                }
+                size += placement.size(t);
+                ++count;
+            }));
+        CHECK(wrong == 0);
+        CHECK(count > 100);
+        CHECK(size == Approx(axes->offsets[0].back() * 4 * axes->offsets[2].back()).epsilon(1e-12));
+    }
 }
 
 TEST_CASE("joined actions give the same sum to the last bit for any threads and memory") {

@@ -286,7 +286,9 @@ StoreAnswers::StoreAnswers(const Store& store, const MemoryShares& shares, int t
     : store_(store),
       shares_(shares),
       threads_(threads),
-      first_(fetch_first_levels(store.reader())) {}
+      first_(fetch_first_levels(store.reader())) {
+    require_even_axes(store.uneven_axes(), store.path().string(), "the viewer");
+}
 
 bool StoreAnswers::are_labels() const {
     return store_.reader().layout().header().labels || store_.reader().label_names().size() > 0;

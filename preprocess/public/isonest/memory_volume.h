@@ -11,6 +11,7 @@
 #include <isonest/frame.h>
 #include <isonest/int3.h>
 #include <isonest/length_unit.h>
+#include <isonest/uneven_axes.h>
 #include <isonest/value_type.h>
 #include <isonest/volume_source.h>
 
@@ -28,6 +29,7 @@ struct MemoryLayout {
     std::optional<LengthUnit> unit = {};               ///< length of a world unit, if known
     AnatomicalFrame frame = AnatomicalFrame::unknown;  ///< of the world axes
     Directions direction = kAlongWorld;
+    UnevenAxesPtr uneven = {};  ///< spacing is then the mean step along these axes
 };
 
 /// A volume in memory owned by the caller, which must stay in place and unchanged for the lifetime

@@ -330,7 +330,7 @@ std::optional<VolumeTime> time_of(const std::filesystem::path& path, const Netcd
 /// Places the volume by the coordinates of its axes.
 void place_as_cf(const std::filesystem::path& path, const NetcdfHeader& header,
                  const NetcdfVariable& v, const SourceOptions& options, PlacedArray& array,
-                 std::vector<std::string>& notes) {
+                 UnevenCoordinates& uneven, std::vector<std::string>& notes) {
     const ChosenAxes chosen = choose_axes(array.axes, options.index, array.name);
     std::array<std::optional<AxisCoordinates>, 3> said;
     for (std::size_t a = 0; a < 3; ++a) {
@@ -346,6 +346,7 @@ void place_as_cf(const std::filesystem::path& path, const NetcdfHeader& header,
     }
     array.first = by.first;
     array.layout.unit = by.unit;
+    uneven = by.uneven;
     notes.insert(notes.end(), by.notes.begin(), by.notes.end());
     const auto unsaid = note_of_spacing(by.said, chosen.nodes, options);
     notes.insert(notes.end(), unsaid.begin(), unsaid.end());
@@ -410,17 +411,18 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
         array.axes.push_back(
             {header.dims[d].name, static_cast<std::int64_t>(header.dims[d].length), true});
     }
+    UnevenCoordinates uneven;
     if (minc) {
         place_as_minc(path, header, v, options, array, notes);
     } else {
-        place_as_cf(path, header, v, options, array, notes);
+        place_as_cf(path, header, v, options, array, uneven, notes);
     }
     array.layout.big_endian = true;
     array.layout.packing = Packing::plain;
     array.layout.exact_length = false;
     array.layout.offset = v.begin;
     auto source = open_placed(array, options.index);
-    source = with_notes(std::move(source), std::move(notes));
+    source = with_notes(with_uneven_axes(std::move(source), std::move(uneven)), std::move(notes));
     if (minc) {
         return source;
     }

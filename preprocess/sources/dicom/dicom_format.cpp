@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstring>
 #include <iterator>
+#include <memory>
 #include <set>
 #include <string_view>
 #include <utility>
@@ -374,7 +375,22 @@ std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceO
     if (!own_scalings) {
         result = scaled(std::move(result), scaling);
     }
-    return mirrored(std::move(result), backward);
+    result = mirrored(std::move(result), backward);
+    if (stack.offsets.empty() ||
+        result->describe().nodes.z != static_cast<std::int64_t>(stack.offsets.size())) {
+        return result;
+    }
+    auto axes = std::make_shared<UnevenAxes>();
+    axes->offsets[2] = stack.offsets;
+    if (backward[2]) {
+        std::vector<double>& offsets = axes->offsets[2];
+        const double last = offsets.back();
+        std::reverse(offsets.begin(), offsets.end());
+        for (double& offset : offsets) {
+            offset = last - offset;
+        }
+    }
+    return with_uneven_axes(std::move(result), UnevenAxesPtr(std::move(axes)));
 }
 
 /// Whether any of the first files in or below the folder is DICOM.

@@ -324,10 +324,36 @@ class Stacking {
             check_line();
             return;
         }
-        report(!missing.empty() ? fmt::format("slices are missing: {}", list(missing))
-                                : fmt::format("the slices are not evenly spaced by {:.6g}; the "
-                                              "distances that differ are: {}",
-                                              usual, list(uneven)));
+        const std::string distances = fmt::format(
+            "the slices are not evenly spaced by {:.6g}; the distances that differ are: {}", usual,
+            list(uneven));
+        if (!missing.empty()) {
+            report(fmt::format("slices are missing: {}", list(missing)));
+        } else {
+            place_unevenly(distances);
+        }
+    }
+
+    /// Slices at uneven distances must not be shifted in their planes as well.
+    void place_unevenly(const std::string& distances) {
+        if (as_it_is_) {
+            return report(distances);
+        }
+        stack_.notes.push_back(distances);
+        for (std::size_t i = 0; i < static_cast<std::size_t>(stack_.count); ++i) {
+            Double3 beside = *stack_.slices[i].position;
+            for (std::size_t a = 0; a < 3; ++a) {
+                beside.at(a) -= stack_.first.at(a);
+            }
+            const double forth = dot(beside, normal_);
+            stack_.offsets.push_back(forth);
+            const double aside = std::sqrt(std::max(dot(beside, beside) - forth * forth, 0.0));
+            if (aside > kMaxShift * std::min((*series_.spacing)[0], (*series_.spacing)[1])) {
+                refuse(fmt::format("{} is shifted by {:.3g} in its plane, and {}",
+                                   text(stack_.slices[i]), aside, distances),
+                       {{RemedyKind::place_in_world, "spacing"}});
+            }
+        }
     }
 
     /// Checks the sum of small differences.
@@ -342,13 +368,14 @@ class Stacking {
             const double shift = std::sqrt(dot(beside, beside));
             const double forth = std::fabs(dot(beside, normal_));
             const double aside = std::sqrt(std::max(shift * shift - forth * forth, 0.0));
-            if (forth > kMaxShift * length ||
-                aside > kMaxShift * std::min((*series_.spacing)[0], (*series_.spacing)[1])) {
-                report(
-                    fmt::format("{} is {:.3g} away from its position on the line from the first to "
-                                "the last slice",
-                                text(stack_.slices[i]), shift));
-                return;
+            const bool is_aside =
+                aside > kMaxShift * std::min((*series_.spacing)[0], (*series_.spacing)[1]);
+            if (is_aside || forth > kMaxShift * length) {
+                const std::string off = fmt::format(
+                    "{} is {:.3g} away from its position on the line from the first to the last "
+                    "slice",
+                    text(stack_.slices[i]), shift);
+                return is_aside ? report(off) : place_unevenly(off);
             }
         }
     }

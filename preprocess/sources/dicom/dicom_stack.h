@@ -26,6 +26,9 @@ struct DicomStack {
     Double3 normal{0, 0, 0};  ///< of the slices' planes; zero if images have no positions
     /// Images have positions: the steps and the first place are in patient coordinates.
     bool placed = false;
+    /// The distance of each place from the first along the normal, if they are not even; else
+    /// empty.
+    std::vector<double> offsets = {};
     std::string times_are = {};  ///< what distinguishes images at one place, for the user
     /// Irregularities, for the user.
     std::vector<std::string> notes = {};
@@ -34,9 +37,9 @@ struct DicomStack {
 /// Sorts by position along the normal; images at one place by time, by what else differs in the
 /// same way at all places (acquisition, b value, trigger, echo), by number in the series and by
 /// file. If images have no positions, sorts by their numbers, or by file name. `as_it_is`: missing
-/// or unevenly spaced slices are no error, because the caller gives their distance. No I/O.
-/// Throws Error{unsupported}, naming the files, for images that differ and for slices that are
-/// missing, duplicated, or unevenly spaced.
+/// or slices off the line from the first to the last are no error, because the caller gives their
+/// distance. No I/O. Throws Error{unsupported}, naming the files, for images that differ, for
+/// slices that are missing or duplicated, and for slices at uneven distances that are also tilted.
 DicomStack stack_slices(const DicomGroup& images, const std::vector<std::filesystem::path>& files,
                         bool as_it_is, const std::string& name);
 

@@ -116,7 +116,7 @@ class VtiReader {
                         {file_.name(), "VTI header"}, problem_);
         }
         if (!image_) {
-            corrupt("there is no ImageData element");
+            corrupt("there is no ImageData or RectilinearGrid element");
         }
         if (header_.pieces.empty()) {
             throw Error(ErrorKind::corrupt, {file_.name(), "VTI header"},
@@ -159,7 +159,7 @@ class VtiReader {
         const std::string_view tag = name;
         auto& reader = *static_cast<VtiReader*>(self);
         --reader.nested_;
-        if (tag == "PointData" || tag == "CellData") {
+        if (tag == "PointData" || tag == "CellData" || tag == "Coordinates") {
             reader.section_.clear();
         }
         reader.inline_ = 0;
@@ -195,15 +195,19 @@ class VtiReader {
     void start(const std::string& tag, const Attributes& attributes) {
         if (tag == "VTKFile") {
             const std::string type = text(attributes, "type");
-            if (type != "ImageData") {
-                return stop(
-                    fmt::format("the file type '{:.40}' is not supported; only ImageData is", type),
-                    true);
+            header_.rectilinear = type == "RectilinearGrid";
+            if (type != "ImageData" && !header_.rectilinear) {
+                return stop(fmt::format("the file type '{:.40}' is not supported; ImageData and "
+                                        "RectilinearGrid are",
+                                        type),
+                            true);
             }
             header_.big_endian = text(attributes, "byte_order") == "BigEndian";
             header_.wide = text(attributes, "header_type") == "UInt64";
             header_.compressor = text(attributes, "compressor");
-        } else if (tag == "ImageData") {
+        } else if (tag == "RectilinearGrid" && header_.rectilinear) {
+            image_ = numbers(attributes, "WholeExtent", header_.extent);
+        } else if (tag == "ImageData" && !header_.rectilinear) {
             image_ = numbers(attributes, "WholeExtent", header_.extent);
             numbers(attributes, "Origin", header_.origin);
             numbers(attributes, "Spacing", header_.grid.spacing);
@@ -212,7 +216,8 @@ class VtiReader {
             std::array<std::int64_t, 6> extent = header_.extent;
             numbers(attributes, "Extent", extent);
             add_piece(extent);
-        } else if (tag == "PointData" || tag == "CellData") {
+        } else if (tag == "PointData" || tag == "CellData" ||
+                   (tag == "Coordinates" && header_.rectilinear)) {
             section_ = tag;
         } else if (tag == "DataArray" && !section_.empty() && !in_empty_piece_) {
             add_array(attributes);
@@ -240,12 +245,12 @@ class VtiReader {
                             kMaxImagePieces),
                 true);
         }
-        header_.pieces.push_back({extent, {}});
+        header_.pieces.push_back({extent, {}, {}});
     }
 
     void add_array(const Attributes& attributes) {
         if (header_.pieces.empty()) {
-            header_.pieces.push_back({header_.extent, {}});
+            header_.pieces.push_back({header_.extent, {}, {}});
         }
         VtiArray array;
         array.name = text(attributes, "Name");
@@ -268,7 +273,8 @@ class VtiReader {
             return stop(
                 fmt::format("the names of the arrays take more than {} MiB", kMaxTag >> 20U));
         }
-        header_.pieces.back().arrays.push_back(array);
+        VtiPiece& piece = header_.pieces.back();
+        (section_ == "Coordinates" ? piece.coordinates : piece.arrays).push_back(array);
         inline_ = array.format == "binary" && header_.compressor.empty() ? array.content : 0;
     }
 

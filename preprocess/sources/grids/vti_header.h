@@ -29,9 +29,11 @@ struct VtiArray {
 struct VtiPiece {
     std::array<std::int64_t, 6> extent{};
     std::vector<VtiArray> arrays;
+    std::vector<VtiArray> coordinates = {};  ///< of a rectilinear grid: along x, y and z
 };
 
 struct VtiHeader {
+    bool rectilinear = false;  ///< the nodes lie at the coordinates of the piece, not on the grid
     bool big_endian = false;
     bool wide = false;  ///< sizes have 64 bits
     std::string compressor;

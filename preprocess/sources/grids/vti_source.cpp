@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -20,6 +21,8 @@
 #include "preprocess/sources/bytes/header_words.h"
 #include "preprocess/sources/grids/vti_header.h"
 #include "preprocess/sources/placement/placed_array.h"
+#include "preprocess/sources/placement/placement.h"
+#include "preprocess/sources/wrapping/label_names.h"
 
 namespace isonest::detail {
 namespace {
@@ -330,16 +333,87 @@ std::unique_ptr<ByteReader> pieces_of(const VtiHeader& header, const VtiArray& c
     return join_pieces(std::move(pieces), image, components * size_of(type));
 }
 
-std::unique_ptr<VolumeSource> open_vti(const VolumeInput& input, const SourceOptions& options) {
-    PlacedArray array;
-    array.file = input.file;
-    const std::string file = input.name();
-    const VtiHeader header = read_vti_header(input.file);
-    const VtiArray& given = choose(header.pieces.front().arrays, options, file);
-    array.name = file + ":" + given.name;
-    set_type(given, array);
-    set_place(header, given, array);
-    array.own_spacing = options.spacing.has_value();
+/// The numbers of a small array.
+std::vector<double> all_numbers(const PlacedArray& array, const VtiHeader& header,
+                                const VtiArray& given, std::uint64_t count,
+                                std::uint64_t max_heap) {
+    if (given.components != 1 || array.stored) {
+        throw Error(ErrorKind::unsupported, {array.name},
+                    fmt::format("coordinates must be single numbers of up to 32 bits or floating "
+                                "point, not {} x {}",
+                                given.components, given.type));
+    }
+    const std::unique_ptr<ByteReader> bytes =
+        numbers_of_piece(array, header, given, count, max_heap);
+    const bool big_endian = given.format != "ascii" && header.big_endian;
+    return dispatch(array.layout.type, [&](auto tag) {
+        using T = typename decltype(tag)::type;
+        std::string text(static_cast<std::size_t>(count) * sizeof(T), '\0');
+        bytes->read(0, reinterpret_cast<std::byte*>(text.data()), text.size());
+        std::vector<double> numbers;
+        for (std::size_t i = 0; i < count; ++i) {
+            numbers.push_back(static_cast<double>(number_at<T>(text, i * sizeof(T), big_endian)));
+        }
+        return numbers;
+    });
+}
+
+/// Places the nodes of a rectilinear grid by their coordinates. REQUIRES: set_place() was called.
+CoordinatePlace place_rectilinear(const VtiHeader& header, const VtiArray& given,
+                                  const SourceOptions& options, PlacedArray& array) {
+    const VtiPiece& piece = header.pieces.front();
+    if (header.pieces.size() > 1 || piece.extent != header.extent) {
+        throw Error(ErrorKind::unsupported, {array.name},
+                    "the rectilinear grid is in several pieces; in ParaView, save it as one");
+    }
+    if (piece.coordinates.size() != 3) {
+        throw Error(ErrorKind::corrupt, {array.name, "Coordinates"},
+                    fmt::format("a rectilinear grid has three arrays of coordinates, not {}",
+                                piece.coordinates.size()));
+    }
+    const ChosenAxes chosen = choose_axes(array.axes, options.index, array.name);
+    std::array<std::optional<AxisCoordinates>, 3> said;
+    for (std::size_t a = 0; a < 3; ++a) {
+        const std::optional<std::size_t> axis = chosen.axis.at(a);
+        if (!axis || *axis > 2) {
+            continue;
+        }
+        const std::size_t along = 2 - *axis;  // the axes are z, y, x
+        const VtiArray& coordinates = piece.coordinates.at(along);
+        const std::int64_t nodes =
+            header.extent.at(2 * along + 1) - header.extent.at(2 * along) + 1;
+        constexpr std::int64_t kMax = std::int64_t{1} << 24U;
+        if (nodes > kMax) {
+            continue;  // too many for a volume
+        }
+        PlacedArray of;
+        of.file = array.file;
+        of.name = fmt::format("{}:{}", array.name, coordinates.name);
+        set_type(coordinates, of);
+        std::vector<double> numbers = all_numbers(
+            of, header, coordinates, static_cast<std::uint64_t>(nodes), options.max_heap / 4);
+        if (given.of_cells && nodes > 1) {
+            for (std::size_t i = 0; i + 1 < numbers.size(); ++i) {
+                numbers[i] = (numbers[i] + numbers[i + 1]) / 2;
+            }
+            numbers.pop_back();
+        }
+        said.at(a) = {std::string(1, "xyz"[along]), std::move(numbers), ""};
+    }
+    CoordinatePlace by = place_by_coordinates(said, chosen.nodes, options, array.name);
+    array.first = by.first;
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (said.at(a)) {
+            array.steps[*chosen.axis.at(a)] = {};
+            array.steps[*chosen.axis.at(a)].at(a) = by.step.at(a);
+        }
+    }
+    return by;
+}
+
+/// REQUIRES: the array has its type and place.
+std::unique_ptr<VolumeSource> open_array(PlacedArray& array, const VtiHeader& header,
+                                         const VtiArray& given, const SourceOptions& options) {
     const ValueType type = array.stored ? bits_type(*array.stored) : array.layout.type;
     const std::uint64_t count = place_in_array(array.axes, options.index, array.name).whole;
     const bool is_text = given.format == "ascii";
@@ -372,6 +446,25 @@ std::unique_ptr<VolumeSource> open_vti(const VolumeInput& input, const SourceOpt
     return open_placed(array, options.index);
 }
 
+std::unique_ptr<VolumeSource> open_vti(const VolumeInput& input, const SourceOptions& options) {
+    PlacedArray array;
+    array.file = input.file;
+    const std::string file = input.name();
+    const VtiHeader header = read_vti_header(input.file);
+    const VtiArray& given = choose(header.pieces.front().arrays, options, file);
+    array.name = file + ":" + given.name;
+    set_type(given, array);
+    set_place(header, given, array);
+    array.own_spacing = options.spacing.has_value();
+    if (!header.rectilinear) {
+        return open_array(array, header, given, options);
+    }
+    CoordinatePlace by = place_rectilinear(header, given, options, array);
+    return with_notes(
+        with_uneven_axes(open_array(array, header, given, options), std::move(by.uneven)),
+        std::move(by.notes));
+}
+
 }  // namespace
 }  // namespace isonest::detail
 
@@ -380,8 +473,8 @@ std::unique_ptr<VolumeSource> open_vti(const VolumeInput& input, const SourceOpt
 namespace isonest::detail {
 namespace {
 
-/// Decides by the type in the VTKFile tag or, if that is beyond the first bytes, by the word
-/// ImageData.
+/// Decides by the type in the VTKFile tag or, if that is beyond the first bytes, by the words
+/// ImageData and RectilinearGrid.
 bool is_vti(std::string_view head) {
     const std::size_t tag = head.find("<VTKFile");
     if (tag == std::string_view::npos) {
@@ -393,17 +486,19 @@ bool is_vti(std::string_view head) {
         const bool is_whole = at > 0 && rest[at - 1] != '_';  // not header_type
         rest.remove_prefix(at + kType.size());
         if (is_whole) {
-            return rest.size() > 1 && rest.substr(1).starts_with("ImageData");
+            return rest.size() > 1 && (rest.substr(1).starts_with("ImageData") ||
+                                       rest.substr(1).starts_with("RectilinearGrid"));
         }
     }
-    return head.find("ImageData") != std::string_view::npos;
+    return head.find("ImageData") != std::string_view::npos ||
+           head.find("RectilinearGrid") != std::string_view::npos;
 }
 
 }  // namespace
 
 VolumeFormat vti_format() {
     return {
-        .about = {"VTI", ".vti", "libexpat1-dev"}, .takes = {.dataset = true, .index = true},
+        .about = {"VTI", ".vti .vtr", "libexpat1-dev"}, .takes = {.dataset = true, .index = true},
         .reads_urls = true,
         .recognises = [](const VolumeInput& input) { return is_vti(input.head); },
 #if ISONEST_WITH_EXPAT

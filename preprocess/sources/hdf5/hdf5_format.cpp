@@ -106,6 +106,7 @@ class Hdf5Source : public VolumeSource {
     }
     /// Axes with decreasing coordinates.
     [[nodiscard]] const std::array<bool, 3>& backward() const { return place_.in_world.backward; }
+    [[nodiscard]] const UnevenCoordinates& uneven() const { return place_.uneven; }
     [[nodiscard]] std::vector<std::string> notes() const override { return notes_; }
 
     [[nodiscard]] VolumeDescription describe() const override {
@@ -605,6 +606,7 @@ std::unique_ptr<VolumeSource> open_hdf5_volume(const InputFile& file,
     auto source = std::make_unique<Hdf5Source>(file, options);
     const Scaling scaling = source->scaling();
     const std::array<bool, 3> back = source->backward();
+    UnevenCoordinates uneven = source->uneven();
     const std::optional<SliceScaling> slices = source->slices();
     const std::array<NodeRange, 3> part = source->without_padding();
     std::unique_ptr<VolumeSource> volume = std::move(source);
@@ -615,7 +617,7 @@ std::unique_ptr<VolumeSource> open_hdf5_volume(const InputFile& file,
     if (slices) {
         volume = scaled_by_slices(std::move(volume), *slices);
     }
-    volume = mirrored(std::move(volume), back);
+    volume = with_uneven_axes(mirrored(std::move(volume), back), std::move(uneven));
     return scaled(std::move(volume), scaling);
 }
 

@@ -232,7 +232,7 @@ const Hdf5Axis& axis_of(const DatasetShape& shape, const std::vector<Hdf5Axis>& 
     return axes[shape.axes[shape.axes.size() - 1 - i]];
 }
 
-/// Places the volume by evenly spaced coordinates of its axes.
+/// Places the volume by the coordinates of its axes.
 Hdf5Place place_of_scales(const DatasetShape& shape, const Int3& nodes,
                           const std::vector<Hdf5Axis>& axes, const SourceOptions& options,
                           const std::string& name) {
@@ -246,6 +246,7 @@ Hdf5Place place_of_scales(const DatasetShape& shape, const Int3& nodes,
     place.unit = by.unit;
     place.notes = by.notes;
     place.said = by.said;
+    place.uneven = by.uneven;
     for (std::size_t i = 0; i < 3; ++i) {
         Placement& in_world = place.in_world;
         in_world.spacing.at(i) = std::fabs(by.step.at(i));
@@ -266,6 +267,7 @@ void read_element_size(hid_t dataset, const DatasetShape& shape, Hdf5Place& plac
         std::all_of(size->begin(), size->end(), [](double s) { return s > 0; })) {
         std::reverse_copy(size->begin(), size->end(), place.in_world.spacing.begin());
         place.unit = LengthUnit::micrometre;
+        place.uneven = {};
         place.said = {true, true, true};
     }
 }
@@ -311,6 +313,7 @@ Hdf5Place hdf5_place(const NamedDataset& of, const DatasetShape& shape,
         if (const auto image =
                 vtkhdf_place(of.file, of.path, nodes, options.spacing.has_value(), of.name, lost)) {
             place.in_world = *image;
+            place.uneven = {};
             place.said = {true, true, true};
         }
         if (!lost.empty()) {
@@ -319,10 +322,14 @@ Hdf5Place hdf5_place(const NamedDataset& of, const DatasetShape& shape,
     }
     for (std::size_t i = 0; i < count; ++i) {
         place.in_world.spacing.at(i) = spacing.at(i);
+        place.uneven.at(i).clear();
         place.said.at(i) = true;
     }
     read_three(of.dataset, shape, "origin", place.in_world.origin);
     read_direction(of.dataset, place.in_world.direction);
+    if (place.in_world.direction != kAlongWorld) {
+        place.uneven = {};
+    }
     if (const auto unit = length_unit_from(text_of_attribute(of.dataset, "unit"))) {
         place.unit = unit;
     }

@@ -58,6 +58,7 @@ struct Hdf5Place {
     AnatomicalFrame frame = AnatomicalFrame::unknown;
     std::vector<std::string> notes = {};  ///< about coordinates and units that are not used
     std::array<bool, 3> said{};           ///< whether the file gives the spacing along x, y and z
+    UnevenCoordinates uneven = {};
 };
 
 struct NamedDataset {
@@ -67,7 +68,7 @@ struct NamedDataset {
     std::string name;  ///< for messages
 };
 
-/// `axes`: of the dataset, from hdf5_axes(). In increasing priority: even coordinates of the axes,
+/// `axes`: of the dataset, from hdf5_axes(). In increasing priority: coordinates of the axes,
 /// `element_size_um`, a VTK image, and the attributes `spacing`, `origin`, `direction`, `unit`,
 /// `frame` (RAS or LPS). If `options` give a spacing, nothing is refused because of the file's
 /// spacing. Throws like place_in_world() and place_by_coordinates().

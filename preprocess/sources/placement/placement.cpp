@@ -13,6 +13,7 @@
 
 #include "preprocess/sources/placement/axis_choice.h"
 #include "preprocess/sources/wrapping/label_names.h"
+#include "preprocess/sources/wrapping/wrapped_source.h"
 #include "store/base/vectors.h"
 #include "store/container/format.h"
 
@@ -363,7 +364,75 @@ std::string note_of_given(const AxisCoordinates& axis, const Evenness& even, dou
         axis.name, max_shift(axis.numbers, from, step));
 }
 
+bool is_monotonic(const std::vector<double>& numbers) {
+    const auto falls = [](double a, double b) { return !(a < b); };
+    const auto rises = [](double a, double b) { return !(a > b); };
+    return std::adjacent_find(numbers.begin(), numbers.end(), falls) == numbers.end() ||
+           std::adjacent_find(numbers.begin(), numbers.end(), rises) == numbers.end();
+}
+
+class UnevenSource : public DescribedSource {
+  public:
+    /// `first`: where node 0 lies along the axes with offsets.
+    UnevenSource(std::unique_ptr<VolumeSource> inner, UnevenAxesPtr axes, const Double3& first)
+        : DescribedSource(std::move(inner)), described_(inner_source().describe()) {
+        for (std::size_t a = 0; a < 3; ++a) {
+            if (const std::vector<double>& offsets = axes->offsets.at(a); !offsets.empty()) {
+                described_.origin.at(a) = first.at(a);
+                described_.spacing.at(a) = offsets.back() / static_cast<double>(offsets.size() - 1);
+            }
+        }
+        described_.uneven = std::move(axes);
+        if (const std::string why =
+                why_not_uneven(described_.nodes, described_.spacing, described_.origin,
+                               described_.direction, described_.uneven);
+            !why.empty()) {
+            throw Error(ErrorKind::unsupported, {described_.name}, why,
+                        {{RemedyKind::place_in_world, "spacing"}});
+        }
+    }
+    [[nodiscard]] VolumeDescription describe() const override { return described_; }
+
+  private:
+    VolumeDescription described_;
+};
+
 }  // namespace
+
+std::unique_ptr<VolumeSource> with_uneven_axes(std::unique_ptr<VolumeSource> inner,
+                                               UnevenAxesPtr axes) {
+    if (!axes) {
+        return inner;
+    }
+    const Double3 first = inner->describe().origin;
+    return std::make_unique<UnevenSource>(std::move(inner), std::move(axes), first);
+}
+
+std::unique_ptr<VolumeSource> with_uneven_axes(std::unique_ptr<VolumeSource> inner,
+                                               UnevenCoordinates coordinates) {
+    const VolumeDescription described = inner->describe();
+    auto axes = std::make_shared<UnevenAxes>();
+    Double3 first{};
+    for (std::size_t a = 0; a < 3; ++a) {
+        std::vector<double>& at = coordinates.at(a);
+        if (at.empty()) {
+            continue;
+        }
+        std::sort(at.begin(), at.end());
+        if (described.direction.at(a).at(a) < 0) {
+            std::reverse(at.begin(), at.end());
+        }
+        first.at(a) = at.front();
+        for (double& x : at) {
+            x = std::fabs(x - first.at(a));
+        }
+        axes->offsets.at(a) = std::move(at);
+    }
+    if (*axes == UnevenAxes()) {
+        return inner;
+    }
+    return std::make_unique<UnevenSource>(std::move(inner), std::move(axes), first);
+}
 
 CoordinatePlace place_by_coordinates(const std::array<std::optional<AxisCoordinates>, 3>& axes,
                                      const Int3& nodes, const SourceOptions& options,
@@ -411,6 +480,10 @@ CoordinatePlace place_by_coordinates(const std::array<std::optional<AxisCoordina
                     note_of_given(axis, e, options.spacing->at(a), common.converted(a, 1)));
                 // Coordinates that end where they begin have no mean step.
                 place.step.at(a) = e.step == 0 ? 1 : place.step.at(a);
+            } else if (is_monotonic(axis.numbers)) {
+                place.uneven.at(a).resize(axis.numbers.size());
+                std::transform(axis.numbers.begin(), axis.numbers.end(), place.uneven.at(a).begin(),
+                               [&](double x) { return common.converted(a, x); });
             } else if (uneven == nullptr) {
                 uneven = &axis;
                 how = &e;
@@ -430,7 +503,8 @@ CoordinatePlace place_by_coordinates(const std::array<std::optional<AxisCoordina
         }
         throw Error(
             ErrorKind::unsupported, {name},
-            fmt::format("the coordinates '{}' are not evenly spaced ({:.6g}, {:.6g}, ... {:.6g}); "
+            fmt::format("the coordinates '{}' neither increase nor decrease throughout ({:.6g}, "
+                        "{:.6g}, ... {:.6g}); "
                         "with their mean spacing, {:.6g},{:.6g},{:.6g} (x,y,z), nodes would be up "
                         "to {:.3g} away from their coordinates",
                         uneven->name, uneven->numbers[0], uneven->numbers[1],

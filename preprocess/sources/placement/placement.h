@@ -73,6 +73,22 @@ struct AxisCoordinates {
     std::string unit = {};             ///< of the numbers; empty: the file gives none
 };
 
+/// Along x, y and z: the coordinates of the nodes, in world units, in any order; empty for axes
+/// with even steps.
+using UnevenCoordinates = std::array<std::vector<double>, 3>;
+
+/// `inner` with these axes; the place of its first node stays. Returns `inner` itself for null.
+/// Throws Error{unsupported} for axes that its nodes cannot have.
+std::unique_ptr<VolumeSource> with_uneven_axes(std::unique_ptr<VolumeSource> inner,
+                                               UnevenAxesPtr axes);
+
+/// `inner`, whose axes run along the world's or against them, and whose nodes lie at these
+/// coordinates along the axes that have any. Returns `inner` itself if no axis has any. Throws
+/// Error{unsupported} for coordinates that cannot be those of a volume: some are equal, too close
+/// for 32-bit floats, or too many.
+std::unique_ptr<VolumeSource> with_uneven_axes(std::unique_ptr<VolumeSource> inner,
+                                               UnevenCoordinates coordinates);
+
 struct CoordinatePlace {
     /// From one node to the next; negative if the coordinates decrease.
     Double3 step{1, 1, 1};
@@ -80,14 +96,17 @@ struct CoordinatePlace {
     std::array<bool, 3> said{};  ///< whether coordinates give the step
     std::optional<LengthUnit> unit = {};
     std::vector<std::string> notes = {};
+    UnevenCoordinates uneven = {};
 };
 
 /// `axes`: for x, y and z; none where the volume has no such axis. Evenly spaced coordinates place
 /// the volume, converted to a common unit of length (axis_choice.h). Coordinates that are finite
 /// and not all equal may differ from even ones by up to a tenth of their mean step; if the
 /// difference is more than rounding to float32, or a thousandth, explains, a note gives it. If they
-/// differ more, throws Error{unsupported}, whose message has their mean spacing, unless the caller
-/// gives a spacing; then a note says how far the nodes lie from their coordinates. `name` is for
+/// differ more, the axis is uneven: `uneven` has its coordinates, and its step is their mean. If
+/// the caller gives a spacing, it is used in their place, and a note says how far the nodes then
+/// lie from their coordinates. Throws Error{unsupported} for uneven coordinates that neither
+/// increase nor decrease throughout, with their mean spacing in the message. `name` is for
 /// messages.
 CoordinatePlace place_by_coordinates(const std::array<std::optional<AxisCoordinates>, 3>& axes,
                                      const Int3& nodes, const SourceOptions& options,

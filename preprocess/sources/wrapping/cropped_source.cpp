@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cstring>
+#include <memory>
+#include <utility>
 #include <vector>
 
 #include <isonest/error.h>
@@ -34,24 +36,9 @@ class CroppedSource : public WrappedSource {
             kWanted / std::max<std::int64_t>(piece_.planes * row * piece_.rows, 1);
         piece_.rows = std::min(given_.nodes.y, piece_.rows * std::max<std::int64_t>(more, 1));
         piece_bytes_ = static_cast<std::size_t>(piece_.planes * piece_.rows * row);
+        described_ = part();
     }
-    [[nodiscard]] VolumeDescription describe() const override {
-        VolumeDescription result = given_;
-        result.nodes = nodes_;
-        Double3 shift{};
-        for (int a = 0; a < 3; ++a) {
-            const auto i = static_cast<std::size_t>(a);
-            shift.at(i) = given_.spacing.at(i) * static_cast<double>(lo_[a]);
-            result.spacing.at(i) *= static_cast<double>(every_[a]);
-        }
-        shift = rotated(given_.direction, shift);
-        for (std::size_t i = 0; i < 3; ++i) {
-            result.origin.at(i) += shift.at(i);
-        }
-        result.direction =
-            with_flat_axes_across(given_.direction, {nodes_.x == 1, nodes_.y == 1, nodes_.z == 1});
-        return result;
-    }
+    [[nodiscard]] VolumeDescription describe() const override { return described_; }
     [[nodiscard]] std::string identity() const override {
         return identity_and(fmt::format("part from {} {} {}, every {} {} {}", lo_.x, lo_.y, lo_.z,
                                         every_.x, every_.y, every_.z));
@@ -143,6 +130,39 @@ class CroppedSource : public WrappedSource {
         }
     }
 
+    [[nodiscard]] VolumeDescription part() const {
+        VolumeDescription result = given_;
+        result.nodes = nodes_;
+        Double3 shift{};
+        auto uneven = std::make_shared<UnevenAxes>();
+        for (int a = 0; a < 3; ++a) {
+            const auto i = static_cast<std::size_t>(a);
+            shift.at(i) = given_.spacing.at(i) * static_cast<double>(lo_[a]);
+            result.spacing.at(i) *= static_cast<double>(every_[a]);
+            if (given_.uneven && !given_.uneven->offsets.at(i).empty()) {
+                const std::vector<double>& offsets = given_.uneven->offsets.at(i);
+                shift.at(i) = offsets.at(static_cast<std::size_t>(lo_[a]));
+                if (nodes_[a] == 1) {
+                    continue;
+                }
+                for (std::int64_t k = 0; k < nodes_[a]; ++k) {
+                    uneven->offsets.at(i).push_back(
+                        offsets.at(static_cast<std::size_t>(lo_[a] + k * every_[a])) - shift.at(i));
+                }
+                result.spacing.at(i) =
+                    uneven->offsets.at(i).back() / static_cast<double>(nodes_[a] - 1);
+            }
+        }
+        result.uneven = *uneven == UnevenAxes() ? nullptr : std::move(uneven);
+        shift = rotated(given_.direction, shift);
+        for (std::size_t i = 0; i < 3; ++i) {
+            result.origin.at(i) += shift.at(i);
+        }
+        result.direction =
+            with_flat_axes_across(given_.direction, {nodes_.x == 1, nodes_.y == 1, nodes_.z == 1});
+        return result;
+    }
+
     VolumeDescription given_;
     Granularity step_;
     Granularity piece_;  ///< planes and rows of one read
@@ -151,6 +171,7 @@ class CroppedSource : public WrappedSource {
     Int3 every_;
     std::size_t value_;
     std::size_t piece_bytes_ = 0;
+    VolumeDescription described_;
     std::vector<std::byte> buffer_;
     std::int64_t passed_ = 0;  ///< for a stream: planes that were read
 };

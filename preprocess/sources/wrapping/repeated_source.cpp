@@ -143,6 +143,13 @@ std::unique_ptr<VolumeSource> repeated(std::unique_ptr<VolumeSource> inner,
             }
             continue;
         }
+        if (given.uneven) {
+            throw Error(ErrorKind::unsupported, {given.name},
+                        fmt::format("{} cannot be periodic: the nodes of this volume lie at uneven "
+                                    "distances, which do not say how long a period is",
+                                    name),
+                        {{RemedyKind::place_in_world, "spacing"}});
+        }
         if (given.nodes[axis] < 2) {
             throw Error(ErrorKind::invalid_argument, {given.name},
                         fmt::format("{} has one node and cannot be periodic", name));

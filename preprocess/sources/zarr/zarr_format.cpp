@@ -332,6 +332,7 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
     std::vector<std::string> notes;
     CommonUnit unit;
     std::array<bool, 3> said{};
+    UnevenCoordinates uneven;
     if (image.ome) {
         unit = unit_of(image, chosen);
         notes = image.notes;
@@ -342,6 +343,7 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
         unit.unit = by.unit;
         notes = by.notes;
         said = by.said;
+        uneven = by.uneven;
     }
     for (const auto& more : {note_of_spacing(said, chosen.nodes, options), files->notes()}) {
         notes.insert(notes.end(), more.begin(), more.end());
@@ -356,7 +358,7 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
         with_notes(zarr_chunks(files, std::move(image), chosen, place, unit.unit, options.max_heap,
                                NeededNodes(chosen.nodes, options, place.backward), name),
                    std::move(notes));
-    source = mirrored(std::move(source), place.backward);
+    source = with_uneven_axes(mirrored(std::move(source), place.backward), std::move(uneven));
     if (stored) {
         source = converted(std::move(source), *stored);
     }

@@ -17,8 +17,9 @@ ApartRange apart_range(const ExtractQuery& query) {
     ApartRange range;
     range.moves = query.moves_apart;
     range.rotation = query.rotation;
+    const Double3 least = query.steps.min_along();
     for (std::size_t axis = 0; axis < 3; ++axis) {
-        range.min_step[axis] = std::fabs(query.steps.along[axis]) * query.min_apart;
+        range.min_step[axis] = std::fabs(least[axis]) * query.min_apart;
     }
     return range;
 }
@@ -78,9 +79,9 @@ StageResult FanStage::run(StageMesh& mesh, const StageTools& tools) {
 
 StageResult MendStage::run(StageMesh& mesh, const StageTools& tools) {
     const LatticeSteps& steps = tools.place.lattice.steps;
-    Double3 min_step{};
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        min_step[axis] = std::fabs(steps.along[axis]) * kMinNudge;
+    Double3 min_step = steps.min_along();
+    for (double& step : min_step) {
+        step = std::fabs(step) * kMinNudge;
     }
     MendedTriangles mended;
     mesh.change([&](ScratchMesh& whole) {

@@ -228,8 +228,11 @@ class Placement {
     [[nodiscard]] Double3 operator()(const Int3& node) const {
         Double3 p = origin_;
         for (int axis = 0; axis < 3; ++axis) {
+            const auto a = static_cast<std::size_t>(axis);
+            const double steps =
+                uneven_ ? even_steps(a, node[axis]) : static_cast<double>(node[axis]);
             for (std::size_t w = 0; w < 3; ++w) {
-                p[w] += step_[static_cast<std::size_t>(axis)][w] * static_cast<double>(node[axis]);
+                p[w] += step_[a][w] * steps;
             }
         }
         return p;
@@ -246,13 +249,19 @@ class Placement {
     /// The length, area or volume of an element of the store, in world units.
     template <int D>
     [[nodiscard]] double size(const Element<D>& t) const {
-        return static_cast<double>(t.size()) * smallest_;
+        return uneven_ ? size_of((*this)(t)) : static_cast<double>(t.size()) * smallest_;
     }
 
   private:
+    /// The number of mean steps from node 0 to a node along an axis.
+    [[nodiscard]] double even_steps(std::size_t axis, std::int64_t node) const;
+    /// Of a simplex with 2 to 4 corners.
+    [[nodiscard]] static double size_of(std::span<const Double3> corners);
+
     Double3 origin_;
-    std::array<Double3, 3> step_{};  ///< along each axis, from a node to the next
-    double smallest_ = 0;            ///< size of an element with Element::size() == 1
+    std::array<Double3, 3> step_{};  ///< along each axis, from a node to the next; uneven: mean
+    UnevenAxesPtr uneven_;
+    double smallest_ = 0;  ///< size of an element with Element::size() == 1
 };
 
 // Tests. An interest test, test(t) or test(t, eta) with the element's Indicators, says whether an

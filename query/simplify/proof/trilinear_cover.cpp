@@ -93,11 +93,10 @@ TrilinearCover::TrilinearCover(GridNumbers& numbers, const WorldLattice& lattice
       max_cuts_(max_cuts) {
     constexpr int kBits = 46;
     const std::int64_t longest = std::max({lattice.nodes.x, lattice.nodes.y, lattice.nodes.z});
-    moved_ = std::ldexp(static_cast<double>(longest), -kBits);
+    moved_ = unevenness(lattice.steps) * std::ldexp(static_cast<double>(longest), -kBits);
 }
 
-Double3 TrilinearCover::on_lattice(const Double3& world) const {
-    Double3 p = lattice_.position_of(world);
+Double3 TrilinearCover::within_volume(Double3 p) const {
     for (std::size_t axis = 0; axis < 3; ++axis) {
         p[axis] = std::clamp(p[axis], 0.0,
                              static_cast<double>(lattice_.nodes[static_cast<int>(axis)] - 1));
@@ -134,23 +133,28 @@ double TrilinearCover::max_on(const Triangle& t) {
 
 bool TrilinearCover::misses(const Double3& p) {
     Double3 x = p;
-    const CellValues::Cell k = cell_at(x);
+    const CellValues::Cell k = values_.cell(cell_at(x));
     // A missing value is also a miss.
     return !(std::fabs(value_at(k, x)) <= limit_);
 }
 
-CellValues::Cell TrilinearCover::cell_at(Double3& p) {
-    p = on_lattice(p);
+Int3 TrilinearCover::cell_at(Double3& p) const {
+    p = within_volume(lattice_.position_of(p));
     const Int3 at{cell_below(p[0], 0), cell_below(p[1], 1), cell_below(p[2], 2)};
     p = {p[0] - static_cast<double>(at.x), p[1] - static_cast<double>(at.y),
          p[2] - static_cast<double>(at.z)};
-    return values_.cell(at);
+    return at;
 }
 
 double TrilinearCover::slope(const Double3& p) {
     Double3 x = p;
-    const CellValues::Cell k = cell_at(x);
-    const Double3& along = lattice_.steps.along;
+    const Int3 at = cell_at(x);
+    const CellValues::Cell k = values_.cell(at);
+    Double3 along{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const std::int64_t low = at[static_cast<int>(axis)];
+        along[axis] = lattice_.steps.between(axis, low, low + 1);
+    }
     return length(lattice_.steps.gradient(
         {(k.kx + x[1] * k.kxy + x[2] * (k.kxz + x[1] * k.kxyz)) / along[0],
          (k.ky + x[0] * k.kxy + x[2] * (k.kyz + x[0] * k.kxyz)) / along[1],
@@ -164,13 +168,15 @@ void TrilinearCover::rest() {
 
 bool TrilinearCover::ask(const Triangle& t) {
     largest_ = 0;
-    Polygon polygon;
-    polygon.count = 3;
-    for (std::size_t i = 0; i < 3; ++i) {
-        polygon.corner[i] = on_lattice(t[i]);
-    }
-    Int3 cell;
-    return ask_slabs(polygon, 2, cell);
+    return lattice_.for_each_piece(t, [&](const Triangle& piece) {
+        Polygon polygon;
+        polygon.count = 3;
+        for (std::size_t i = 0; i < 3; ++i) {
+            polygon.corner[i] = within_volume(piece[i]);
+        }
+        Int3 cell;
+        return ask_slabs(polygon, 2, cell);
+    });
 }
 
 /// Processes slabs along an axis, then along the previous axes. `cell`: known along the later axes.

@@ -91,9 +91,10 @@ class TrilinearCover : public ValueProof {
         std::array<Double3, kMax> corner;
         std::size_t count = 0;
     };
-    /// The cell at a point; the point is converted to the cell's coordinates.
-    [[nodiscard]] CellValues::Cell cell_at(Double3& p);
-    [[nodiscard]] Double3 on_lattice(const Double3& world) const;
+    /// The cell at a point of the world; the point is converted to the cell's coordinates.
+    [[nodiscard]] Int3 cell_at(Double3& p) const;
+    /// The nearest point of the volume, both in lattice coordinates.
+    [[nodiscard]] Double3 within_volume(Double3 p) const;
     [[nodiscard]] std::int64_t cell_below(double x, std::size_t axis) const;
     [[nodiscard]] static double value_at(const CellValues::Cell& cell, const Double3& p);
     [[nodiscard]] static bool cut(const Polygon& polygon, std::size_t axis, double at,

@@ -130,26 +130,32 @@ ValueCover::ValueCover(ValueTree& tree, const WorldLattice& lattice, double limi
     scale_ = std::ldexp(1.0, -top_);
     for (int level = 0; level <= top_; ++level) {
         constexpr int kBits = 46;
-        slack_.at(static_cast<std::size_t>(level)) = std::ldexp(1.0, top_ - level - kBits);
+        slack_.at(static_cast<std::size_t>(level)) =
+            unevenness(lattice.steps) * std::ldexp(1.0, top_ - level - kBits);
     }
 }
 
 bool ValueCover::covers(const Triangle& t) {
-    std::array<Double3, 3> unit{};
-    for (std::size_t i = 0; i < 3; ++i) {
-        const Double3 p = lattice_.position_of(t[i]);
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-            const auto last = static_cast<double>(lattice_.nodes[static_cast<int>(axis)] - 1);
-            unit[i][axis] = scale_ * std::clamp(p[axis], 0.0, last);
+    double largest = 0;
+    const bool is_covered = lattice_.for_each_piece(t, [&](const Triangle& piece) {
+        std::array<Double3, 3> unit{};
+        for (std::size_t i = 0; i < 3; ++i) {
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                const auto last = static_cast<double>(lattice_.nodes[static_cast<int>(axis)] - 1);
+                unit[i][axis] = scale_ * std::clamp(piece[i][axis], 0.0, last);
+            }
         }
-    }
-    Answer answer = ask(unit);
-    if (answer == Answer::no_room) {
-        // With an empty tree, a triangle always needs the same room.
-        tree_.clear();
-        answer = ask(unit);
-    }
-    return answer == Answer::yes;
+        Answer answer = ask(unit);
+        if (answer == Answer::no_room) {
+            // With an empty tree, a triangle always needs the same room.
+            tree_.clear();
+            answer = ask(unit);
+        }
+        largest = std::max(largest, largest_);
+        return answer == Answer::yes;
+    });
+    largest_ = largest;
+    return is_covered;
 }
 
 ValueCover::Answer ValueCover::ask(const std::array<Double3, 3>& unit) {

@@ -100,6 +100,9 @@ std::optional<std::vector<std::byte>> Hdf5View::catalogue(const StoreLayout& lay
 }
 
 std::string Hdf5View::Impl::vtk_fault(const StoreHeader& header) const {
+    if (header.uneven) {
+        return {};
+    }
     const QuietHdf5 quiet;
     const GroupHandle group(H5Gopen2(file.get(), "/VTKHDF", H5P_DEFAULT));
     if (!group.valid()) {

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -35,6 +36,14 @@ std::vector<double> rounding_numbers(const DataRounding& rounding) {
 std::uint64_t numbers_digest(const std::vector<double>& numbers) {
     Checksum sum;
     sum.add(std::as_bytes(std::span(numbers)));
+    return sum.value();
+}
+
+std::uint64_t offsets_digest(const UnevenAxes& axes) {
+    Checksum sum;
+    for (const std::vector<double>& offsets : axes.offsets) {
+        sum.add(std::as_bytes(std::span(offsets)));
+    }
     return sum.value();
 }
 
@@ -166,7 +175,9 @@ class Reader {
             damaged("no flags");
         }
         const std::uint64_t known =
-            out_.version >= FormatVersion{2, 13}
+            out_.version >= FormatVersion{2, 14}
+                ? kHasDirection | kHasLabels | kIsSheared | kIsUneven | kSkipsShuffle | kIsRounded
+            : out_.version >= FormatVersion{2, 13}
                 ? kHasDirection | kHasLabels | kIsSheared | kSkipsShuffle | kIsRounded
             : out_.version >= FormatVersion{2, 11} ? kHasDirection | kHasLabels | kIsSheared
             : out_.version >= FormatVersion{2, 6}  ? kHasDirection | kHasLabels
@@ -178,6 +189,7 @@ class Reader {
         }
         turned_ = ((*flags)[0] & kHasDirection) != 0;
         sheared_ = ((*flags)[0] & kIsSheared) != 0;
+        uneven_ = ((*flags)[0] & kIsUneven) != 0;
         out_.header.labels = ((*flags)[0] & kHasLabels) != 0;
         out_.header.skips_shuffle = ((*flags)[0] & kSkipsShuffle) != 0;
         rounded_ = ((*flags)[0] & kIsRounded) != 0;
@@ -221,6 +233,9 @@ class Reader {
         } else if (sheared_) {
             damaged("damaged: it has sheared axes, but no directions");
         }
+        if (uneven_) {
+            read_uneven_axes();
+        }
         if (out_.version >= FormatVersion{2, 7}) {
             read_unit();
         }
@@ -254,6 +269,26 @@ class Reader {
             !why_no_directions(out_.header.nodes, direction).empty() ||
             are_directions(direction) == sheared_ || direction == kAlongWorld) {
             damaged("damaged: its directions are not those that were written");
+        }
+    }
+
+    void read_uneven_axes() {
+        const StoreHeader& header = out_.header;
+        const auto digest = root_.integers("offsets_xxh64", 1);
+        auto axes = std::make_shared<UnevenAxes>();
+        for (std::size_t a = 0; a < 3; ++a) {
+            const auto count = static_cast<std::uint64_t>(header.nodes[static_cast<int>(a)]);
+            if (count <= kMaxUnevenNodes) {
+                axes->offsets.at(a) = root_.numbers(kOffsets.at(a), static_cast<std::size_t>(count))
+                                          .value_or(std::vector<double>());
+            }
+        }
+        out_.header.uneven = std::move(axes);
+        if (!digest || offsets_digest(*header.uneven) != (*digest)[0] ||
+            !why_not_uneven(header.nodes, header.spacing, header.origin, header.direction,
+                            header.uneven)
+                 .empty()) {
+            damaged("damaged: its uneven axes are not those that were written");
         }
     }
 
@@ -356,6 +391,7 @@ class Reader {
     const std::string& file_;
     bool turned_ = false;   ///< the axes are not parallel to the world's
     bool sheared_ = false;  ///< the axes are not at right angles
+    bool uneven_ = false;   ///< some axes are uneven
     bool rounded_ = false;  ///< the values were rounded
     RootAttributes out_;
 };

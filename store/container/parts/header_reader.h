@@ -27,6 +27,12 @@ std::vector<double> flat_directions(const Directions& direction);
 /// XXH64 of the nine numbers in the order of the attribute `direction`.
 std::uint64_t direction_digest(const Directions& direction);
 
+/// Attributes of the offsets along x, y and z.
+inline constexpr std::array<const char*, 3> kOffsets{"offsets_x", "offsets_y", "offsets_z"};
+
+/// XXH64 of the offsets along x, y and z as stored, one axis after the other.
+std::uint64_t offsets_digest(const UnevenAxes& axes);
+
 /// The two numbers of the attribute `tolerance`.
 std::vector<double> rounding_numbers(const DataRounding& rounding);
 

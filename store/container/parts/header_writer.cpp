@@ -42,6 +42,7 @@ void write_version_and_flags(hid_t root, const StoreHeader& header) {
                     (header.direction != kAlongWorld ? kHasDirection : std::uint32_t{0}) |
                         (header.labels ? kHasLabels : std::uint32_t{0}) |
                         (header.is_sheared() ? kIsSheared : std::uint32_t{0}) |
+                        (header.uneven ? kIsUneven : std::uint32_t{0}) |
                         (header.skips_shuffle ? kSkipsShuffle : std::uint32_t{0}) |
                         (header.rounding.none() ? std::uint32_t{0} : kIsRounded));
 }
@@ -69,6 +70,14 @@ void write_header(hid_t root, const StoreHeader& header) {
     if (header.direction != kAlongWorld) {
         write_attribute(root, "direction", flat_directions(header.direction));
         write_attribute(root, "direction_xxh64", direction_digest(header.direction));
+    }
+    for (std::size_t a = 0; header.uneven && a < 3; ++a) {
+        if (const std::vector<double>& offsets = header.uneven->offsets.at(a); !offsets.empty()) {
+            write_attribute(root, kOffsets.at(a), offsets);
+        }
+    }
+    if (header.uneven) {
+        write_attribute(root, "offsets_xxh64", offsets_digest(*header.uneven));
     }
     if (header.unit) {
         const std::string symbol(symbol_of(*header.unit));

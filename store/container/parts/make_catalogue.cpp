@@ -23,11 +23,12 @@ namespace isonest::detail {
 namespace {
 
 /// In the order of FORMAT.md.
-constexpr std::array<const char*, 23> kAttributes{
-    "format",      "version",     "flags",       "nodes",           "spacing", "origin",
-    "value_type",  "chunk",       "compression", "exact",           "fields",  "range",
-    "has_missing", "xxh64",       "direction",   "direction_xxh64", "unit",    "unit_xxh64",
-    "frame",       "frame_xxh64", "tolerance",   "tolerance_xxh64", "complete"};
+constexpr std::array<const char*, 27> kAttributes{
+    "format",      "version",         "flags",       "nodes",           "spacing",   "origin",
+    "value_type",  "chunk",           "compression", "exact",           "fields",    "range",
+    "has_missing", "xxh64",           "direction",   "direction_xxh64", "offsets_x", "offsets_y",
+    "offsets_z",   "offsets_xxh64",   "unit",        "unit_xxh64",      "frame",     "frame_xxh64",
+    "tolerance",   "tolerance_xxh64", "complete"};
 
 std::optional<AttributeKind> kind_of(hid_t type) {
     const std::size_t size = H5Tget_size(type);
@@ -71,7 +72,7 @@ class Maker {
             const AttributeHandle attribute(H5Aopen(file_, name, H5P_DEFAULT));
             const TypeHandle type(H5Aget_type(attribute.get()));
             const std::optional<AttributeKind> kind = kind_of(type.get());
-            constexpr hsize_t kLongest = 8192;
+            constexpr hsize_t kLongest = 65536;
             const hsize_t size = H5Aget_storage_size(attribute.get());
             if (!kind || size > kLongest) {
                 return false;

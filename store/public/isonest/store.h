@@ -16,6 +16,7 @@
 #include <isonest/label_name.h>
 #include <isonest/length_unit.h>
 #include <isonest/remote.h>
+#include <isonest/uneven_axes.h>
 #include <isonest/value_type.h>
 
 namespace isonest {
@@ -57,8 +58,10 @@ class Store {
     [[nodiscard]] Int3 nodes() const;
     [[nodiscard]] ValueType type() const;
     /// Node p lies at origin() + the sum over the axes of direction() * spacing() * p in world
-    /// units.
+    /// units, or along an uneven axis of direction() * offset of p. Uneven axes: the mean step.
     [[nodiscard]] Double3 spacing() const;
+    /// The axes along which the distances between nodes differ; null if there are none.
+    [[nodiscard]] UnevenAxesPtr uneven_axes() const;
     [[nodiscard]] Double3 origin() const;
     /// Directions of the axes: kAlongWorld unless the volume is rotated or sheared.
     [[nodiscard]] Directions direction() const;

@@ -15,6 +15,7 @@
 #include <isonest/label_name.h>
 #include <isonest/length_unit.h>
 #include <isonest/remote.h>
+#include <isonest/uneven_axes.h>
 #include <isonest/value_type.h>
 
 namespace isonest {
@@ -28,11 +29,11 @@ struct VolumeTime {
 };
 
 /// Description of a volume. Node p lies at origin + the sum over the axes of direction * spacing *
-/// p.
+/// p, or along an uneven axis of direction * offset of p.
 struct VolumeDescription {
     Int3 nodes{1, 1, 1};  ///< per axis, each >= 1
     ValueType type = ValueType::f32;
-    Double3 spacing{1, 1, 1};  ///< node distance per axis in world units, > 0
+    Double3 spacing{1, 1, 1};  ///< node distance per axis in world units, > 0; uneven axes: mean
     Double3 origin{0, 0, 0};   ///< world position of node (0, 0, 0)
     std::string name = {};     ///< "file:dataset" or the like, for messages
     Directions direction = kAlongWorld;
@@ -41,7 +42,8 @@ struct VolumeDescription {
     std::optional<LengthUnit> unit = {};               ///< of spacing and origin; nullopt: unknown
     AnatomicalFrame frame = AnatomicalFrame::unknown;  ///< of origin and direction
     std::optional<VolumeTime> time =
-        {};  ///< nullopt: there is no axis of times, or it is not known
+        {};                     ///< nullopt: there is no axis of times, or it is not known
+    UnevenAxesPtr uneven = {};  ///< null: all axes are even
 };
 
 /// A scalar volume that is read in slabs of whole or partial planes. Only describe(), identity()

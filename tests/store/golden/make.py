@@ -23,7 +23,8 @@ ISONEST = sys.argv[1]
 VOLUMES = {"": ("volume.raw", (9, 8, 7), "int16"), "-flat": ("flat.raw", (9, 8, 1), "float32"),
            "-tiny": ("tiny.raw", (3, 3, 3), "uint8"), "-turned": ("turned.nhdr", None, None),
            "-named": ("tiny.raw", (3, 3, 3), "uint8"), "-framed": ("tiny.raw", (3, 3, 3), "uint8"),
-           "-own": ("tiny.raw", (3, 3, 3), "uint8"), "-unshuffled": ("eight.raw", (9, 8, 7), "float32")}
+           "-own": ("tiny.raw", (3, 3, 3), "uint8"), "-unshuffled": ("eight.raw", (9, 8, 7), "float32"),
+           "-uneven": ("uneven.vtr", None, None)}
 # Label names of "-named", in the form of FORMAT.md, section 3.
 NAMES = "0 background\n13 Übergang 255 0 10 255\n26 end 1 2 3\n900 nowhere\n"
 # The same numbers as volume.raw, on axes that are not along the world's.
@@ -36,6 +37,16 @@ space directions: (0.6,0.8,0) (-1.6,1.2,0) (0,0,0.5)
 endian: little
 encoding: raw
 data file: volume.raw
+"""
+# Numbers like those of eight.raw, on axes of which x is even.
+UNEVEN = """<?xml version="1.0"?>
+<VTKFile type="RectilinearGrid" version="0.1" byte_order="LittleEndian">
+<RectilinearGrid WholeExtent="0 8 0 7 0 6"><Piece Extent="0 8 0 7 0 6">
+<PointData><DataArray type="Float32" Name="v" format="ascii">{}</DataArray></PointData>
+<Coordinates><DataArray type="Float64" Name="x" format="ascii">0 2 4 6 8 10 12 14 16</DataArray>
+<DataArray type="Float64" Name="y" format="ascii">-1 0 2 5 9 9.5 10 12</DataArray>
+<DataArray type="Float64" Name="z" format="ascii">100 150 250 500 700 850 1000</DataArray></Coordinates>
+</Piece></RectilinearGrid></VTKFile>
 """
 COVERED = ("version", "flags", "nodes", "spacing", "origin", "value_type", "chunk", "compression", "exact",
            "fields", "range", "has_missing")
@@ -61,6 +72,8 @@ def make_volumes():
             values.tofile(HERE / name)
     if not (HERE / "own.npy").exists():
         np.save(HERE / "own.npy", numbers["tiny.raw"][::-1].reshape(3, 3, 3))
+    if not (HERE / "uneven.vtr").exists():
+        (HERE / "uneven.vtr").write_text(UNEVEN.format(" ".join(f"{v:.9g}" for v in numbers["eight.raw"].ravel())))
     if not (HERE / "turned.nhdr").exists():
         (HERE / "turned.nhdr").write_text(TURNED)
 
@@ -83,6 +96,8 @@ def make_good(version):
         if suffix == "-own" and "--own" not in help_text:  # from 2.12 on
             continue
         if suffix == "-unshuffled" and tuple(map(int, version.split("."))) < (2, 13):
+            continue
+        if suffix == "-uneven" and tuple(map(int, version.split("."))) < (2, 14):
             continue
         if suffix == "-own":
             command += ["--own", f"size={HERE / 'own.npy'}"]

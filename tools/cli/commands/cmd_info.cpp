@@ -126,13 +126,41 @@ void add_analyses(const StoreReader& store, Result& result) {
     }
 }
 
+/// ", uneven: z (0, 10, 25, ... 5500 from the first node)".
+std::string uneven_text(const UnevenAxesPtr& uneven) {
+    std::string text;
+    for (std::size_t a = 0; uneven && a < 3; ++a) {
+        const std::vector<double>& at = uneven->offsets.at(a);
+        constexpr std::size_t kSaid = 3;
+        if (!at.empty()) {
+            text += fmt::format(
+                "{}{} ({:g}{}{:g} from the first node)", text.empty() ? "\nuneven axes: " : ", ",
+                "xyz"[a], fmt::join(at.begin(), at.begin() + std::min(at.size(), kSaid), ", "),
+                at.size() > kSaid + 1 ? ", ... " : ", ", at.back());
+        }
+    }
+    return text;
+}
+
+Json uneven_json(const UnevenAxesPtr& uneven) {
+    Json json = Json::object();
+    for (std::size_t a = 0; uneven && a < 3; ++a) {
+        if (!uneven->offsets.at(a).empty()) {
+            json[std::string(1, "xyz"[a])] = uneven->offsets.at(a);
+        }
+    }
+    return json;
+}
+
 /// "unit mm (millimetre), axes RAS", and the directions of the axes.
 std::string place_text(const Double3& spacing, const Double3& origin,
                        std::optional<LengthUnit> unit, AnatomicalFrame frame,
-                       const Directions& direction, const Int3& nodes) {
+                       const Directions& direction, const UnevenAxesPtr& uneven,
+                       const Int3& nodes) {
     return fmt::format(
-        "spacing {:g} {:g} {:g}, origin {:g} {:g} {:g}, {}, {}{}\n", spacing[0], spacing[1],
-        spacing[2], origin[0], origin[1], origin[2],
+        "{} {:g} {:g} {:g}, origin {:g} {:g} {:g}, {}, {}{}{}\n",
+        uneven ? "mean spacing" : "spacing", spacing[0], spacing[1], spacing[2], origin[0],
+        origin[1], origin[2],
         unit ? fmt::format("unit {} ({})", symbol_of(*unit), name_of(*unit))
              : std::string("unknown unit"),
         frame == AnatomicalFrame::unknown ? std::string("unknown patient axes")
@@ -142,7 +170,8 @@ std::string place_text(const Double3& spacing, const Double3& origin,
             : fmt::format(
                   "\naxes along ({:.5g}), ({:.5g}), ({:.5g}){}", fmt::join(direction[0], ", "),
                   fmt::join(direction[1], ", "), fmt::join(direction[2], ", "),
-                  are_directions(direction) ? "" : ": sheared, " + sheared_axes(nodes, direction)));
+                  are_directions(direction) ? "" : ": sheared, " + sheared_axes(nodes, direction)),
+        uneven_text(uneven));
 }
 
 /// Describes a volume from the metadata of its files; reads no values. `source`: the options with
@@ -159,6 +188,7 @@ Result describe_volume(const VolumeSource& volume, const std::string& name,
                    {"type", type},
                    {"labels", source.labels},
                    {"spacing", d.spacing},
+                   {"uneven", uneven_json(d.uneven)},
                    {"origin", d.origin},
                    {"direction", d.direction},
                    {"sheared", !are_directions(d.direction)},
@@ -167,7 +197,8 @@ Result describe_volume(const VolumeSource& volume, const std::string& name,
                    {"notes", volume.notes()}};
     result.text = fmt::format(
         "{}: a volume, {} x {} x {} {}, {}\n{}", name, d.nodes.x, d.nodes.y, d.nodes.z, type,
-        human_bytes(bytes), place_text(d.spacing, d.origin, d.unit, d.frame, d.direction, d.nodes));
+        human_bytes(bytes),
+        place_text(d.spacing, d.origin, d.unit, d.frame, d.direction, d.uneven, d.nodes));
     if (source.missing) {
         result.json["missing"] = *source.missing;
         result.text += fmt::format("the value {:g} stands for missing data\n", *source.missing);
@@ -206,6 +237,7 @@ Result describe_store(const Store& opened, const InfoArguments& a, const std::st
                    {"type", type_of_values(h)},
                    {"labels", h.labels},
                    {"spacing", h.spacing},
+                   {"uneven", uneven_json(h.uneven)},
                    {"origin", h.origin},
                    {"direction", h.direction},
                    {"sheared", h.is_sheared()},
@@ -234,7 +266,7 @@ Result describe_store(const Store& opened, const InfoArguments& a, const std::st
         "{:>5} {:<14} {:>18} {:>8} {:>10} {:>7}  {}\n",
         path, h.nodes.x, h.nodes.y, h.nodes.z, type_of_values(h),
         store.layout().lattice().top() + 1, human_bytes(static_cast<double>(store.file_bytes())),
-        place_text(h.spacing, h.origin, h.unit, h.frame, h.direction, h.nodes),
+        place_text(h.spacing, h.origin, h.unit, h.frame, h.direction, h.uneven, h.nodes),
         value_text(h.labels, store.min_value(), store.max_value()),
         store.has_missing() ? ", some missing" : "",
         h.rounding.none() ? "" : "; rounded: " + text_of(h.rounding),
@@ -306,15 +338,16 @@ Result describe_series(const Series& series, const InfoArguments& a) {
                         {"type", type_of_values(h)},
                         {"labels", h.labels},
                         {"spacing", h.spacing},
+                        {"uneven", uneven_json(h.uneven)},
                         {"origin", h.origin},
                         {"unit", unit_json(h.unit)},
                         {"frame", frame_json(h.frame)}});
-    result.text +=
-        fmt::format(", each {} x {} x {} {}\n{}times {} to {}{}\n\n{:>6} {:>16} {:>10}  {}\n{}",
-                    h.nodes.x, h.nodes.y, h.nodes.z, type_of_values(h),
-                    place_text(h.spacing, h.origin, h.unit, h.frame, h.direction, h.nodes),
-                    time_text(series.steps().front().time), time_text(series.steps().back().time),
-                    time_suffix(series.time_unit()), "step", "time", "size", "store", lines);
+    result.text += fmt::format(
+        ", each {} x {} x {} {}\n{}times {} to {}{}\n\n{:>6} {:>16} {:>10}  {}\n{}", h.nodes.x,
+        h.nodes.y, h.nodes.z, type_of_values(h),
+        place_text(h.spacing, h.origin, h.unit, h.frame, h.direction, h.uneven, h.nodes),
+        time_text(series.steps().front().time), time_text(series.steps().back().time),
+        time_suffix(series.time_unit()), "step", "time", "size", "store", lines);
     return result;
 }
 

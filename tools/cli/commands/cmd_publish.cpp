@@ -111,6 +111,7 @@ SiteStore described(const PublishArguments& a, std::size_t i, Progress& progress
     std::uint64_t memory = kMemory;
     const Store opened = open_required_store(a.stores[i], remote, memory, progress);
     const StoreReader& reader = opened.reader();
+    require_even_axes(opened.uneven_axes(), shown_location(a.stores[i]), "a page");
     if (reader.catalogue() == nullptr) {
         throw Error(ErrorKind::unsupported, {shown_location(a.stores[i])},
                     fmt::format("is a store of version {}, without the footer that pages need",

@@ -241,6 +241,7 @@ VolumeDescription description_of(const Store& store) {
     d.type = store.type();
     d.labels = store.reader().layout().header().labels;
     d.spacing = store.spacing();
+    d.uneven = store.uneven_axes();
     d.origin = store.origin();
     d.direction = store.direction();
     d.unit = store.unit();
@@ -266,6 +267,10 @@ std::string difference(const VolumeDescription& own, const VolumeDescription& fi
     }
     if (own.spacing != first.spacing) {
         return but("spacing is", three(own.spacing), three(first.spacing));
+    }
+    if ((own.uneven == nullptr) != (first.uneven == nullptr) ||
+        (own.uneven && *own.uneven != *first.uneven)) {
+        return "its nodes lie at other places along the axes than those of the series";
     }
     if (own.origin != first.origin) {
         return but("origin is", three(own.origin), three(first.origin));

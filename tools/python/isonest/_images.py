@@ -29,12 +29,15 @@ class Image(NamedTuple):
     direction: Directions = ALONG_WORLD
     unit: Optional[str] = None
     frame: Optional[str] = None
+    uneven: Sequence[Sequence[float]] = ((), (), ())
+    """Coordinates of the nodes along x, y and z; empty for axes with even steps."""
 
     def every(self, step: int) -> "Image":
         """Every ``step``-th node along each axis, at its place."""
         spacing = self.spacing if self.spacing is not None else (1.0,) * len(self.values.shape)
         return self._replace(values=rearranged(self.values, steps=(step,) * len(self.values.shape)),
-                             spacing=[step * length for length in spacing])
+                             spacing=[step * length for length in spacing],
+                             uneven=[sorted(numbers)[::step] for numbers in self.uneven])
 
 
 class Rearranged:
@@ -165,9 +168,9 @@ def _of_xarray(volume: Any) -> Image:
                          "three, or two for data in a plane")
     shape = tuple(volume.shape)
     nodes = backwards((1, *shape) if ndim == 2 else shape)
-    step, first, unit = _core.place_of_coordinates(nodes, backwards((None, *axes) if ndim == 2 else axes),
+    step, first, unit, uneven = _core.place_of_coordinates(nodes, backwards((None, *axes) if ndim == 2 else axes),
                                                    f"array {volume.name!r}" if volume.name is not None else "array")
-    return _placed(values, np.diag(step).tolist(), first, unit, None, "a DataArray")
+    return _placed(values, np.diag(step).tolist(), first, unit, None, "a DataArray")._replace(uneven=uneven)
 
 
 class _Values:

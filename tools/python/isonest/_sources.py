@@ -122,7 +122,8 @@ def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[S
         # As for files, a spacing replaces the directions.
         "direction": image.direction if spacing is None else ALONG_WORLD,
         "unit": unit if unit is not None else image.unit, "name": name, "files": files, "missing": missing,
-        "frame": frame if frame is not None else image.frame if spacing is None else None}
+        "frame": frame if frame is not None else image.frame if spacing is None else None,
+        "uneven": image.uneven if spacing is None else ((), (), ())}
     reader = _Reader(volume, name)
     if isinstance(volume, np.ndarray) and not isinstance(volume, np.ma.MaskedArray):
         plain = volume.view(np.uint8) if volume.dtype == np.bool_ else volume

@@ -168,6 +168,18 @@ class Store(Extracting):
         return backwards(self._core.spacing)
 
     @property
+    def coordinates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The coordinates of the nodes along each axis, (z, y, x), in world units. Along an axis whose nodes lie at uneven
+        distances, :attr:`spacing` is their mean. Of a rotated or sheared volume: the distances along the axes from the
+        first node."""
+        straight = self._core.direction == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+        along = []
+        for count, step, first, offsets in zip(self.shape, self.spacing, self.origin, backwards(self._core.uneven)):
+            from_first = np.array(offsets) if offsets else step * np.arange(count)
+            along.append(from_first + first if straight else from_first)
+        return tuple(along)  # type: ignore[return-value]
+
+    @property
     def origin(self) -> tuple[float, float, float]:
         """World position of the first node, (z, y, x)."""
         return backwards(self._core.origin)

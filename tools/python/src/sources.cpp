@@ -236,7 +236,8 @@ Source source_of_files(const std::vector<Path>& paths, const SourceOptions& opti
 Source source_of_array(py::array array, const Double3& spacing, const Double3& origin,
                        const Directions& direction, const std::optional<std::string>& unit,
                        const std::optional<std::string>& frame, std::string name, bool identified,
-                       std::vector<Path> files, std::optional<double> missing) {
+                       std::vector<Path> files, std::optional<double> missing,
+                       detail::UnevenCoordinates uneven) {
     if (array.ndim() != 3) {
         throw py::value_error("a volume has three axes");
     }
@@ -250,7 +251,7 @@ Source source_of_array(py::array array, const Double3& spacing, const Double3& o
     layout.name = std::move(name);
     auto volume = std::make_unique<ArrayVolume>(std::move(array), std::move(layout), identified,
                                                 std::move(files));
-    return with_missing(std::move(volume), missing);
+    return with_missing(detail::with_uneven_axes(std::move(volume), std::move(uneven)), missing);
 }
 
 Source source_of_reader(py::object reader, const Numbers& nodes, const py::dtype& dtype,
@@ -259,7 +260,7 @@ Source source_of_reader(py::object reader, const Numbers& nodes, const py::dtype
                         const std::optional<std::string>& frame, std::string name,
                         std::int64_t planes, std::int64_t rows, std::uint64_t heap,
                         std::string identity, std::vector<Path> files,
-                        std::optional<double> missing) {
+                        std::optional<double> missing, detail::UnevenCoordinates uneven) {
     VolumeDescription description{int3_of(nodes), value_type_of(dtype), spacing,
                                   origin,         std::move(name),      direction,
                                   false,          unit_of(unit),        frame_of(frame)};
@@ -268,7 +269,7 @@ Source source_of_reader(py::object reader, const Numbers& nodes, const py::dtype
     auto volume =
         std::make_unique<ReaderVolume>(std::move(reader), std::move(description), granularity, heap,
                                        std::move(identity), std::move(files));
-    return with_missing(std::move(volume), missing);
+    return with_missing(detail::with_uneven_axes(std::move(volume), std::move(uneven)), missing);
 }
 
 ValueTolerance tolerance_of(const std::string& kind, double number) {
@@ -305,8 +306,8 @@ py::tuple place_of_steps(const Numbers& nodes, const std::array<Double3, 3>& ste
 /// Name, coordinates and unit of an axis.
 using CoordinatesOfAxis = std::tuple<std::string, std::vector<double>, std::string>;
 
-/// (step, position of the first node, symbol of the unit or None) of a volume whose axes have
-/// coordinates.
+/// (step, position of the first node, symbol of the unit or None, coordinates of uneven axes) of a
+/// volume whose axes have coordinates.
 py::tuple place_of_coordinates(const Numbers& nodes,
                                const std::array<std::optional<CoordinatesOfAxis>, 3>& axes,
                                const std::string& name) {
@@ -321,7 +322,8 @@ py::tuple place_of_coordinates(const Numbers& nodes,
         detail::place_by_coordinates(given, int3_of(nodes), {}, name);
     return py::make_tuple(
         place.step, place.first,
-        place.unit ? std::optional(std::string(symbol_of(*place.unit))) : std::nullopt);
+        place.unit ? std::optional(std::string(symbol_of(*place.unit))) : std::nullopt,
+        place.uneven);
 }
 
 PreprocessReport preprocess_source(Source& source, const Path& store,
@@ -368,10 +370,10 @@ void add_sources(py::module_& module) {
     module.def("source_of_files", &source_of_files, "paths"_a, "options"_a);
     module.def("source_of_array", &source_of_array, "array"_a, py::kw_only(), "spacing"_a,
                "origin"_a, "direction"_a, "unit"_a, "frame"_a, "name"_a, "identified"_a, "files"_a,
-               "missing"_a);
+               "missing"_a, "uneven"_a);
     module.def("source_of_reader", &source_of_reader, "reader"_a, py::kw_only(), "nodes"_a,
                "dtype"_a, "spacing"_a, "origin"_a, "direction"_a, "unit"_a, "frame"_a, "name"_a,
-               "planes"_a, "rows"_a, "heap"_a, "identity"_a, "files"_a, "missing"_a);
+               "planes"_a, "rows"_a, "heap"_a, "identity"_a, "files"_a, "missing"_a, "uneven"_a);
 
     module.def("place_of_steps", &place_of_steps, "nodes"_a, "steps"_a, "first"_a, "name"_a);
     module.def("place_of_coordinates", &place_of_coordinates, "nodes"_a, "axes"_a, "name"_a);

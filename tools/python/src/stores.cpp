@@ -448,6 +448,12 @@ void add_stores(py::module_& module) {
         .def_property_readonly("dtype",
                                [](const OpenStore& s) { return dtype_of_values(*s.get()); })
         .def_property_readonly("spacing", [](const OpenStore& s) { return s.get()->spacing(); })
+        .def_property_readonly("uneven",
+                               [](const OpenStore& s) {
+                                   const UnevenAxesPtr axes = s.get()->uneven_axes();
+                                   return axes ? axes->offsets
+                                               : std::array<std::vector<double>, 3>{};
+                               })
         .def_property_readonly("origin", [](const OpenStore& s) { return s.get()->origin(); })
         .def_property_readonly("frame",
                                [](const OpenStore& s) {
