@@ -345,7 +345,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     }
     if (makes_detail_levels(labels) && (is_turned || a.up != UpAxis::z)) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
-                    fmt::format("{}: meshes for Neuroglancer are always as stored",
+                    fmt::format("{}: meshes for Neuroglancer always keep the stored positions",
                                 is_turned ? "--space" : "--up"));
     }
     const std::vector<Label> chosen =
