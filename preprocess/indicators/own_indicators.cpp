@@ -102,7 +102,7 @@ OwnIndicators::OwnIndicators(std::span<const OwnIndicator> indicators, VolumeDes
                            indicators.size(), kMaxOwnIndicators));
     }
     if (!indicators.empty() && volume_.labels) {
-        refuse(ErrorKind::unsupported, "labels of 64 bits cannot have own indicators");
+        refuse(ErrorKind::unsupported, "own indicators are not supported for 64-bit labels");
     }
     for (const OwnIndicator& indicator : indicators) {
         for (const Saturation saturation : {Saturation::bar, Saturation::plus}) {

@@ -159,8 +159,8 @@ DataRounding rounding_within(double value, ValueType type) {
     if (value == 0) {
         return {};
     }
-    require(value < span_of(type),
-            fmt::format("tolerance {}: as large as the range of {}", value, name_of(type)));
+    require(value < span_of(type), fmt::format("tolerance {}: must be smaller than the range of {}",
+                                               value, name_of(type)));
     if (!is_integral(type)) {
         const double step = std::ldexp(1.0, std::ilogb(value) + 1);
         return {step / 2, step};
@@ -182,7 +182,7 @@ struct RoundingOf {
     }
     DataRounding operator()(const WithinRangePart& asked) const {
         require(asked.part >= 0 && asked.part <= 1,
-                fmt::format("tolerance {} of the range: give a part from 0 to 1", asked.part));
+                fmt::format("tolerance {} of the range: give a fraction from 0 to 1", asked.part));
         return survey.min < survey.max
                    ? rounding_within(asked.part * survey.max - asked.part * survey.min, type)
                    : DataRounding{};
@@ -192,7 +192,8 @@ struct RoundingOf {
                 fmt::format("tolerance in bits: the values are {}, not integers", name_of(type)));
         const int bits = static_cast<int>(8 * size_of(type));
         require(asked.bits >= 0 && asked.bits < bits,
-                fmt::format("tolerance of {} bits: {} has {}", asked.bits, name_of(type), bits));
+                fmt::format("tolerance of {} bits: values of type {} have only {}", asked.bits,
+                            name_of(type), bits));
         const double step = std::ldexp(1.0, asked.bits);
         return asked.bits == 0 ? DataRounding{} : DataRounding{step / 2, step};
     }

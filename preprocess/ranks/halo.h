@@ -154,7 +154,7 @@ void unpack_runs(std::span<const std::byte> message, const Element& element, con
 /// An array [z][y][x], of which every rank has the rows that its pencils made.
 struct HaloArray {
     PencilCut made;         ///< the pencils that made the array
-    std::int64_t rows = 1;  ///< rows, and planes, that one of them makes
+    std::int64_t rows = 1;  ///< rows, and also planes, that one pencil makes
     Int3 size;              ///< in elements
     std::uint64_t row_bytes = 0;
     std::size_t element = 1;     ///< bytes of a number: 1, 2, 4 or 8

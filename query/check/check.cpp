@@ -42,19 +42,19 @@ std::string fault_of(const StoreReader& store) {
     if (found == nullptr) {
         return hdf5_end_of(file) == file.size()
                    ? ""  // an HDF5 program has changed the store
-                   : "what stands behind HDF5's end of the file is no footer of this file";
+                   : "the bytes behind HDF5's part of the file are not the footer of this file";
     }
     if (hdf5_end_of(file) != found->footer.hdf5_end) {
-        return "HDF5's part of the file ends elsewhere than the footer says";
+        return "HDF5's part of the file does not end where the footer says";
     }
     const CatalogueTable& place = *found->catalogue.table;
     const HeldBytes table = file.read(place.offset, place.rows * sizeof(ChunkRow));
     const auto expected = Hdf5View(file).catalogue(store.layout(), table.bytes());
     if (!expected) {
-        return "HDF5 does not find what the catalogue says";
+        return "HDF5 does not find the data that the catalogue describes";
     }
     if (checksum_of(table.bytes()) != place.xxh64) {
-        return "the chunk table is not the one that was written";
+        return "checksum mismatch: the chunk table has changed";
     }
     if (store.version() > FormatVersion{}) {
         return "";  // it may contain more
@@ -64,7 +64,7 @@ std::string fault_of(const StoreReader& store) {
     const std::vector<std::byte> bytes = bytes_behind_hdf5(begin, *expected);
     return std::equal(bytes.begin(), bytes.end(), ours.bytes().begin(), ours.bytes().end())
                ? ""
-               : "the catalogue does not say what HDF5 finds in the file";
+               : "the catalogue does not match what HDF5 finds in the file";
 }
 
 }  // namespace
@@ -275,9 +275,9 @@ class Checker {
     void stored(const ArrayInfo& array, const Int3& chunk) {
         findings_.count(0, 1);
         if (checksum_of(store_.stored(array, chunk).bytes()) != store_.row(array, chunk).checksum) {
-            findings_.add_damaged("checksum", array, chunk,
-                                  "the stored bytes are not those that were written; restore the "
-                                  "store from a good copy");
+            findings_.add_damaged(
+                "checksum", array, chunk,
+                "checksum mismatch: the bytes have changed; restore the store from a good copy");
         }
     }
 
@@ -348,7 +348,7 @@ class Checker {
                     findings_.add("hdf5", array, chunk, kWholeChunk, fault);
                 } else if (!std::equal(bytes.begin(), bytes.end(), ours.begin(), ours.end())) {
                     findings_.add("hdf5", array, chunk, kWholeChunk,
-                                  "HDF5 finds other bytes here than the table");
+                                  "HDF5 finds other bytes here than the chunk table");
                 }
                 if (!fault.empty() && i == 0) {
                     break;  // concerns the whole dataset

@@ -213,8 +213,8 @@ class SourceChecks {
             const double bound = view.at(cube - base, centre);
             if (!(bound >= found.difference) && !(bound >= found.difference - 1e-12 * found.size)) {
                 findings_.add("bound", array, chunk, low + Int3{edge / 2, edge / 2, edge / 2},
-                              fmt::format("{} is less than the difference {} that there is", bound,
-                                          found.difference));
+                              fmt::format("the bound {} is less than the actual difference {}",
+                                          bound, found.difference));
             }
         }
     }

@@ -30,28 +30,28 @@ constexpr std::array kRefused{
                 of({Feature::culling, Feature::closing, Feature::label, Feature::hexahedra,
                     Feature::triangles, Feature::fast, Feature::simplified_error,
                     Feature::nested_distance, Feature::min_volume}),
-                "data in a plane have lines in place of a surface; lines are simplified within a "
-                "distance, always with the best effort"},
+                "data in a plane have lines instead of a surface; lines can only be simplified "
+                "within a distance, with the best effort"},
     Combination{
         Feature::hexahedra,
         of({Feature::culling, Feature::exact_vertices, Feature::place, Feature::nested_distance}),
-        "the nested grid of hexahedral cells stops by an error alone; use tetrahedra"},
+        "the nested grid of hexahedral cells can only be refined by an error; use tetrahedra"},
     Combination{Feature::coarse_hexahedra, of({Feature::closing}),
-                "hexahedral cells have caps at full resolution, simplified or not; tetrahedra have "
-                "them with an error as well"},
-    Combination{Feature::label,
-                of({Feature::error, Feature::nested_distance, Feature::place, Feature::culling,
-                    Feature::exact_vertices}),
-                "the errors of a store are those of values, not of labels; ask for a distance or a "
-                "number of triangles"},
+                "hexahedral cells can only be closed at full resolution, simplified or not; use "
+                "tetrahedra"},
+    Combination{
+        Feature::label,
+        of({Feature::error, Feature::nested_distance, Feature::place, Feature::culling,
+            Feature::exact_vertices}),
+        "a store has errors of values, not of labels; use a distance or a number of triangles"},
     Combination{Feature::smooth_label,
                 of({Feature::box, Feature::hexahedra, Feature::tetrahedra, Feature::normals,
                     Feature::vertex_fields, Feature::closing_above}),
-                "smooth labels are surface nets, closed solids that share their surfaces; their "
-                "vertices lie in the cells of the lattice"},
+                "smooth labels are closed surface nets with one vertex per cell, and neighbours "
+                "share their surfaces"},
     Combination{Feature::stepped_label, of({Feature::interfaces, Feature::details}),
-                "surfaces half way between nodes share no triangles; ask for smooth labels, with "
-                "no passes if the faces of the voxels are to stay"},
+                "labels that are not smooth share no triangles; use smooth labels (0 passes keep "
+                "the faces of the voxels)"},
     Combination{Feature::components,
                 of({Feature::simplified_label, Feature::interfaces, Feature::details,
                     Feature::nested_distance}),
@@ -59,31 +59,31 @@ constexpr std::array kRefused{
                 "simplified"},
     Combination{Feature::closing,
                 of({Feature::culling, Feature::exact_vertices, Feature::nested_distance}),
-                "caps are cut out of the whole solid of a linear function; at full resolution its "
-                "vertices are exact in any case"},
+                "caps need the whole solid, with linearly interpolated vertices; at full "
+                "resolution, these are exact anyway"},
     Combination{Feature::place,
                 of({Feature::distance, Feature::nested_distance, Feature::simplified_error}),
-                "a distance, and an error within which a mesh is simplified, are the same "
-                "everywhere; a focus or camera needs an error with the effort none"},
+                "a distance, and the error of a simplified mesh, are the same everywhere; for a "
+                "focus or camera, use an error with the effort none"},
     Combination{Feature::simplified_error, of({Feature::threshold, Feature::estimate}),
                 "simplification needs a proven bound on the values; use the effort none"},
     Combination{Feature::exact_vertices, of({Feature::distance}),
-                "within a distance the mesh is near to the surface at full resolution in any "
-                "case, whose vertices are exact"},
+                "within a distance, vertices come from the surface at full resolution, where they "
+                "are exact"},
     Combination{Feature::nested_distance, of({Feature::triangles, Feature::culling}),
-                "with the effort none a distance stops the nested grid, over the whole surface; a "
-                "number of triangles is reached by simplification, or by the smallest error"},
+                "with the effort none, the nested grid of the whole surface is refined to the "
+                "distance; for a number of triangles, use simplification, or the smallest error"},
     Combination{Feature::analysis,
                 of({Feature::isolines, Feature::no_distance, Feature::fast, Feature::culling,
                     Feature::label}),
-                "an analysis keeps meshes of a whole isosurface within several distances, made "
-                "with the best effort"},
+                "an analysis keeps meshes of a whole isosurface within several distances, "
+                "simplified with the best effort"},
     Combination{Feature::volume_interval,
                 of({Feature::isolines, Feature::open, Feature::components, Feature::place,
                     Feature::label, Feature::threshold, Feature::estimate, Feature::nested_distance,
                     Feature::hexahedra, Feature::distance}),
-                "the interval is one of a whole closed solid, found by one proven error of the "
-                "values on tetrahedra; within a distance the full volume itself is reported"},
+                "the interval needs a whole closed solid, and one proven error of the values on "
+                "tetrahedra; within a distance, the full volume itself is reported"},
 };
 
 constexpr auto kTetrahedra = [] { return false; };

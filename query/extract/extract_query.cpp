@@ -106,9 +106,10 @@ Field bound_of(const StoreReader& store, const std::optional<Field>& asked) {
     if (!is_bound(*asked)) {
         throw Error(
             ErrorKind::invalid_argument,
-            fmt::format("the field {} is no bound; use deviation_bar, deviation_plus, linf_plus or "
-                        "grad_linf_plus",
-                        name_of(*asked)),
+            fmt::format(
+                "the field {} is not a bound; use deviation_bar, deviation_plus, linf_plus or "
+                "grad_linf_plus",
+                name_of(*asked)),
             {{RemedyKind::other_field, "deviation_bar,deviation_plus,linf_plus,grad_linf_plus"}});
     }
     require_field(store, *asked, "this bound");

@@ -279,8 +279,8 @@ void help_until_done(RankTeam& team, const Store& store, const Store* values,
         std::memcpy(isovalues.data(), text.data() + sizeof(job), isovalues.size() * sizeof(double));
         if (job.store != StoreMark(store.reader())) {
             throw Error(ErrorKind::invalid_argument, {store.path().string()},
-                        fmt::format("on {} this name is a different store than on rank 0; all "
-                                    "ranks need the same file system",
+                        fmt::format("on {}, this name refers to a different store than on rank 0; "
+                                    "all ranks must see the same file",
                                     team.ranks.host()));
         }
         ExtractQuery asked = query_of(job, store.reader(), values);

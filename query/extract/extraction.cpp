@@ -88,9 +88,9 @@ ExtractReport extract_within_triangle_budget(const Store& store, const SurfaceQu
     double enough = 2 * range;
     if (const std::uint64_t least = triangles(enough); least > budget.most) {
         throw Error(ErrorKind::limit, {store.path().string()},
-                    fmt::format("the coarsest mesh of this surface has {} triangles, within {:.4g} "
-                                "of the values; more than {}",
-                                least, report.error_bound, budget.most));
+                    fmt::format("the coarsest mesh of this surface, within {:.4g} of the isovalue, "
+                                "has {} triangles, more than {}",
+                                report.error_bound, least, budget.most));
     }
     double too_small = -1;  // none so far
     std::uint64_t count = 0;

@@ -76,8 +76,8 @@ SolverResult conjugate_gradients(const LinearMap<Real>& product,
     const std::size_t n = x.size();
     if (b.size() != n || (!options.fixed.empty() && options.fixed.size() != n)) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("vectors of different sizes: {} values, {} on the right, {} fixed "
-                                "or not",
+                    fmt::format("vectors of different sizes: {} unknowns, {} values on the "
+                                "right-hand side, {} flags of fixed ones",
                                 n, b.size(), options.fixed.size()));
     }
     if (!(options.tolerance >= 0) || options.max_iterations < 0) {

@@ -372,25 +372,26 @@ Multilevel<D, Real>::Multilevel(const ImplicitGrid<D>& grid, const MultilevelOpt
     const auto is_factor = [](double f) { return f >= 0 && std::isfinite(f); };
     if (!is_factor(options.stiffness) || !is_factor(options.mass) ||
         options.stiffness + options.mass <= 0) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("a preconditioner for {} times the stiffness matrix and {} times "
-                                "the mass matrix: neither may be negative, and one is positive",
-                                options.stiffness, options.mass));
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("a preconditioner for {} times the stiffness matrix and {} times the mass "
+                        "matrix: neither factor may be negative, and one must be positive",
+                        options.stiffness, options.mass));
     }
     if (options.unknowns < 1) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} unknowns for each node: at least 1", options.unknowns));
+                    fmt::format("{} unknowns for each node: give at least 1", options.unknowns));
     }
     const std::size_t size = grid.count() * static_cast<std::size_t>(options.unknowns);
     if (!options.fixed.empty() && options.fixed.size() != size) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} unknowns, but {} say whether they are fixed", size,
-                                options.fixed.size()));
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("{} unknowns, but {} flags of fixed ones", size, options.fixed.size()));
     }
     if (!diagonal.empty() && diagonal.size() != size) {
         throw Error(
             ErrorKind::invalid_argument,
-            fmt::format("{} unknowns, but {} numbers of the diagonal", size, diagonal.size()));
+            fmt::format("{} unknowns, but {} numbers on the diagonal", size, diagonal.size()));
     }
     parts_ = std::make_shared<detail::MultilevelParts<D, Real>>(grid, options, diagonal);
 }

@@ -54,7 +54,7 @@ class ClipContext {
     [[nodiscard]] const Double3& position(std::uint32_t v) const {
         return v < first_new_ ? old_position_(v) : vertices_[v - first_new_].position;
     }
-    /// Counts corners so far that lie in a face of the box, of triangles that extend beyond that
+    /// Number of corners so far that lie in a face of the box, of triangles that extend beyond that
     /// face, except for corners on edges in the face. What is left of the triangles around such a
     /// corner may be several fans.
     [[nodiscard]] std::uint64_t cut_fans() const { return cut_fans_; }

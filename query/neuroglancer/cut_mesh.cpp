@@ -40,10 +40,9 @@ void CutMesh::begin(const MeshLayout& layout) {
     }
     order_ = ZOrderedCells(cells);
     if (order_.bits() > ZOrderedCells::kMaxBits) {
-        throw Error(ErrorKind::limit,
-                    fmt::format("a mesh of {} x {} x {} cells is too large for Neuroglancer's "
-                                "format, as it is written here",
-                                cells.x, cells.y, cells.z));
+        throw Error(ErrorKind::limit, fmt::format("a mesh of {} x {} x {} cells is too large for "
+                                                  "Neuroglancer's format as isonest writes it",
+                                                  cells.x, cells.y, cells.z));
     }
 }
 

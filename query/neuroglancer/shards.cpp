@@ -10,9 +10,9 @@
 namespace isonest::detail {
 
 Sharding Sharding::of(std::uint64_t labels) {
-    constexpr std::uint64_t kMost = 128;
+    constexpr std::uint64_t kMaxLabels = 128;
     Sharding sharding;
-    while (labels > kMost << sharding.shard_bits) {
+    while (labels > kMaxLabels << sharding.shard_bits) {
         ++sharding.shard_bits;
     }
     return sharding;

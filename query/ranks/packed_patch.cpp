@@ -113,7 +113,7 @@ class Unpacker {
         return from;
     }
     [[noreturn]] static void fail() {
-        throw std::logic_error("these are not the bytes of a patch");
+        throw std::logic_error("the bytes are not those of a packed patch");
     }
 
     std::span<const std::byte> bytes_;

@@ -27,14 +27,14 @@ inline constexpr std::size_t kPackedHead = 8;
 inline constexpr std::size_t kMaxPackedPatch = 89;
 inline constexpr std::size_t kMaxPackedResult = 41;
 
-/// All data, bit for bit. Thread-safe, as the others are.
+/// Packs all data of a patch, bit for bit. These functions are thread-safe.
 std::vector<std::byte> packed_patch(const MappedPatch& patch);
-/// Throws std::logic_error if these are not the bytes of a patch.
+/// Throws std::logic_error if the bytes are not those of a packed patch.
 MappedPatch unpacked_patch(std::span<const std::byte> bytes);
 
 /// The changes made by map_patch(): triangles, displacements and tried, and its return value.
 std::vector<std::byte> packed_result(const MappedPatch& patch, const GoneTriangles& gone_at);
-/// Applies those to a block; its vertices are not changed.
+/// Applies packed changes to a block, except to its vertices.
 void unpack_result(std::span<const std::byte> bytes, MappedBlock& block);
 
 // Transfer of blocks between ranks: bytes of any length, in messages of at most

@@ -21,7 +21,7 @@
 namespace isonest::detail {
 
 struct SimplifiedPatch {
-    /// A vertex that is at another place than in the patch.
+    /// A vertex that was moved from its position in the patch.
     struct Moved {
         std::uint32_t vertex = 0;
         std::array<float, 3> to{};

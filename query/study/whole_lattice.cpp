@@ -54,7 +54,7 @@ struct CutByPlane {
     }
 };
 
-/// Stands for the field that is studied; it is no bound.
+/// Stands for the field that is studied; it is not a bound.
 constexpr Field kStudied = Field::linf_bar;
 
 struct BelowThreshold {

@@ -120,8 +120,9 @@ struct TileMesh {
 /// the triangles name them.
 TileMesh tile_mesh(std::span<const TileTriangle> triangles);
 
-/// Drops triangles that are only lines or points, but those whose line is no edge of another
-/// triangle get a third corner one step away, within the tile. Returns whether there are such.
+/// Drops triangles that have collapsed to a point or a line. However, a line that is not an edge of
+/// another triangle stays, as a triangle with a third corner one step away, within the tile.
+/// Returns whether there is such a line.
 bool widen_lines(TileMesh& mesh);
 
 /// The triangles again, for the next level. REQUIRES: coordinates from 0 to kTileSteps.

@@ -103,9 +103,10 @@ void require_tileset(const std::filesystem::path& folder) {
     std::string text(kHead, ' ');
     file.read(text.data(), kHead);
     if (others || text.find(R"("generator":"isonest")") == std::string::npos) {
-        throw Error(ErrorKind::invalid_argument, {folder.string()},
-                    "is a folder, and not only of a tileset of isonest; it will not be replaced",
-                    {{RemedyKind::other_name}});
+        throw Error(
+            ErrorKind::invalid_argument, {folder.string()},
+            "is a folder that holds more than a tileset made by isonest; it will not be replaced",
+            {{RemedyKind::other_name}});
     }
 }
 
@@ -117,7 +118,7 @@ void require_options(const TilesetOptions& o) {
     };
     for (std::size_t axis = 0; axis < 3; ++axis) {
         require(o.spacing[axis] > 0 && std::isfinite(o.spacing[axis]),
-                "the distances of nodes must be positive");
+                "the spacing must be positive");
         require(o.first[axis] <= o.last[axis] && std::isfinite(o.last[axis] - o.first[axis]),
                 "the box of a tileset must have finite corners, the low one first");
     }

@@ -74,14 +74,13 @@ void require_box(const StoreReader& store, const Int3& nodes, const NodeBox& box
         if (box.lo[axis] < 0 || box.size[axis] < 0 || box.size[axis] > nodes[axis] ||
             box.lo[axis] > nodes[axis] - box.size[axis]) {
             throw Error(ErrorKind::invalid_argument, {store.path().string()},
-                        fmt::format("the box does not lie in the level, which has {} x {} x {} "
-                                    "nodes",
+                        fmt::format("the box is not inside the level, which has {} x {} x {} nodes",
                                     nodes.x, nodes.y, nodes.z));
         }
     }
     if (count != static_cast<std::size_t>(box.size.product())) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("the box has {} nodes, and there is room for {}",
+                    fmt::format("the box has {} nodes, but there is room for {}",
                                 box.size.product(), count));
     }
 }
@@ -376,7 +375,7 @@ void sample(const Store& store, std::span<const Double3> points, std::span<doubl
     detail::require_numbers(reader, "a value between nodes");
     if (points.size() != values.size()) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("there are {} points, and there is room for {} values",
+                    fmt::format("there are {} points, but there is room for {} values",
                                 points.size(), values.size()));
     }
     if (points.empty()) {

@@ -54,7 +54,7 @@ class MemoryShare {
         rest.threads_ = threads;
         return rest;
     }
-    /// Throws Error{limit} if less than `least` is left. `what`: needs it, for the message.
+    /// Throws Error{limit} if less than `least` is left. `what`: for the message, what needs it.
     void require(std::uint64_t least, const std::string& what) const {
         require_memory(subject_, bytes_, taken_ + least, what);
     }

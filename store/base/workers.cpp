@@ -81,7 +81,7 @@ void require_threads(int count) {
     if (reason != 0) {
         const std::size_t possible = threads.size() + 1;
         throw Error(ErrorKind::limit,
-                    fmt::format("the system lets this run have {} of {} threads: {}", possible,
+                    fmt::format("the system allows this run only {} of {} threads: {}", possible,
                                 count, std::system_category().message(reason)),
                     {{RemedyKind::fewer_threads, std::to_string(possible)},
                      {RemedyKind::raise_limit, "ulimit -u, ulimit -v"}});

@@ -16,7 +16,7 @@ namespace isonest::detail {
 // A thread that the system may refuse to start.
 
 /// Runs `work` in its own thread. Throws Error{limit}, with `name` as its file, if the system
-/// starts no thread.
+/// refuses to start a thread.
 std::thread started_thread(const std::string& name, std::function<void()> work);
 
 // Why a library could not be loaded.

@@ -289,8 +289,8 @@ CacheFolder::CacheFolder(const std::filesystem::path& folder, std::uint64_t max_
     }
     if ((status.st_mode & (S_IRWXG | S_IRWXO)) != 0) {
         turn_off(Off::all,
-                 "other users may look into the folder isonest-cache-1 in it, or change it "
-                 "(chmod 700 ends that)");
+                 "other users can read or change the folder isonest-cache-1 in it; run chmod 700 "
+                 "on that folder");
         return;
     }
     if (!make_folder_below(root_, kTemporariesOfCache)) {

@@ -32,8 +32,8 @@ std::uint64_t cache_entry_takes(std::uint64_t bytes);
 class CacheCount {
   public:
     explicit CacheCount(int root);
-    /// An error code if it can never be locked; else 0. It is no error if another process holds it
-    /// for 0.1 s.
+    /// An error code if it can never be locked; else 0. It is not an error if another process holds
+    /// it for 0.1 s.
     [[nodiscard]] int error() const { return error_; }
     [[nodiscard]] bool is_locked() const { return is_locked_; }
     /// Nullopt if it is not locked or not known.

@@ -122,19 +122,19 @@ struct ObjectPart {
 
 struct FetchedPart {
     bool is_there = false;  ///< false: there is no such object (404, 410)
-    /// Set if the server refused the object (403). S3 buckets that nobody may list also answer so
-    /// for objects that do not exist.
+    /// Set if the server refused the object (403). S3 also answers 403 for an object that does not
+    /// exist if the client may not list the bucket.
     std::shared_ptr<const Error> refusal = nullptr;
     HeldBytes bytes = {};
     std::uint64_t object_size = 0;  ///< bytes of the whole object
     std::string version = {};       ///< its ETag, else its date; empty: the server reports neither
 };
 
-/// What was read of one object by first, last and range belongs to one state of it, as long as it
-/// is in memory: if the object has changed, reading is an error. Memory: what was prefetched, is on
-/// its way, or is kept after reading in case it is read again, takes at most
-/// RemoteOptions::budget_bytes; a larger part is fetched alone. Thread-safety: all methods from any
-/// thread.
+/// The objects below a URL. All parts of an object that are in memory at the same time are of the
+/// same state of it: if the object has changed, reading throws an error. Memory: bytes that were
+/// prefetched, are being fetched, or are kept after reading in case they are read again take at
+/// most RemoteOptions::budget_bytes; a larger part is fetched alone. Thread-safety: all methods
+/// from any thread.
 class ObjectFolder {
   public:
     ObjectFolder() = default;

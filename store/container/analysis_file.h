@@ -80,7 +80,7 @@ class AnalysisFile {
         std::span<const std::byte> positions, rows, corners;
     };
     [[noreturn]] void damaged(const std::string& problem) const;
-    /// Also appends to steps_.
+    /// The arrays of step i, below the group `root`. Appends the step to steps_.
     Arrays arrays_of(std::int64_t root, std::size_t i);
 
     std::filesystem::path path_;

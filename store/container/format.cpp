@@ -195,8 +195,9 @@ void validate(const StoreHeader& header) {
                                 kMinChunk, kMaxChunk));
     }
     if (header.compression < 1 || header.compression > 19) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("compression {}: zstd levels 1 to 19", header.compression));
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("compression {}: give a zstd level from 1 to 19", header.compression));
     }
 }
 

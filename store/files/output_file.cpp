@@ -239,7 +239,7 @@ void UnfinishedFile::publish() {
         if (errno == EEXIST) {
             exists_already(output_);
         }
-        fail_on(output_, "give the finished file its name", errno);
+        fail_on(output_, "rename the finished file", errno);
     }
     at_end_ = AtEnd::nothing;
     const std::filesystem::path folder = folder_of(output_);
@@ -391,7 +391,7 @@ void OutputFolder::publish() {
     if ((error != EEXIST && error != ENOTEMPTY) || !force_) {
         check();  // reports a folder that has appeared or disappeared meanwhile
         require_there();
-        fail_with_folder(output_, "give the finished folder its name", error);
+        fail_with_folder(output_, "rename the finished folder", error);
     }
     // The old folder gets the temporary name, under which the destructor removes it.
     error = rename_with(name_, output_, RENAME_EXCHANGE);

@@ -188,8 +188,8 @@ std::string note_on_name(std::string_view name) {
             name_of(field_of(Indicator::normal_jump, saturation_of(*field)));
         return name == name_of(*field)
                    ? fmt::format(
-                         "{} is now the paper's eta_N; what had this name before, the "
-                         "length of the whole jump, is {}",
+                         "{} is now the paper's eta_N; the length of the whole jump, which had "
+                         "this name before, is now {}",
                          name, other)
                    : fmt::format(
                          "{} is now called {}; the next version will not know its former "

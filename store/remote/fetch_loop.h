@@ -59,7 +59,7 @@ void wait_and_check(std::unique_lock<std::mutex>& lock, std::condition_variable&
 class Background {
   public:
     /// `max_bytes`: limit for the work that waits or is under way, except for a single piece.
-    /// `name`: for the error. Throws Error{limit} if the system starts no thread.
+    /// `name`: for the error. Throws Error{limit} if the system refuses to start a thread.
     Background(std::uint64_t max_bytes, const std::string& name);
     Background(const Background&) = delete;
     Background& operator=(const Background&) = delete;

@@ -257,7 +257,8 @@ RemoteOptions options_of(const RemoteAccess& remote,
 void check_headers(const std::filesystem::path& location, const RemoteAccess& remote) {
     if (!std::all_of(remote.headers.begin(), remote.headers.end(), is_header)) {
         throw Error(ErrorKind::invalid_argument, {shown_location(location.native())},
-                    "a header must be one line 'Name: value', and not about ranges");
+                    "a header must be one line 'Name: value'; headers about ranges and conditions "
+                    "are reserved");
     }
 }
 

@@ -93,7 +93,7 @@ class Extents {
     [[nodiscard]] std::vector<std::shared_ptr<Extent>> use(const ByteRange& range);
     /// REQUIRES: absent(range) is the whole range.
     std::shared_ptr<Extent> insert(const ByteRange& range);
-    /// Removes it from the map, if it is there; whoever holds it keeps it.
+    /// Removes an extent from the map, if it is there. It exists until nobody holds it any more.
     void erase(Extent& extent);
 
     /// Bytes of all extents that exist, in the map or held by somebody.
@@ -102,8 +102,8 @@ class Extents {
     /// budget, or nothing is left to drop; extents that have not been read are dropped last.
     /// Returns whether they fit.
     bool make_room(std::uint64_t bytes);
-    /// The same, but extents that have not been read are dropped only if their prefetch came before
-    /// the one preceding this generation's.
+    /// The same for the prefetch number `generation`, but extents that have not been read are
+    /// dropped only if they belong to neither this prefetch nor the one before it.
     bool make_room_for_hint(std::uint64_t bytes, std::uint64_t generation);
 
   private:

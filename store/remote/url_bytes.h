@@ -50,8 +50,8 @@ class UrlBytes : public StoreBytes {
     [[nodiscard]] std::string version() const override { return version_; }
     [[nodiscard]] bool is_remote() const override { return true; }
     [[nodiscard]] HeldBytes read(std::uint64_t offset, std::uint64_t size) const override;
-    /// What does not fit into the budget is requested as soon as what was prefetched before has
-    /// been read.
+    /// Ranges that do not fit into the budget are requested as soon as bytes that were prefetched
+    /// before have been read.
     void want(std::span<const ByteRange> ranges) const override;
     void forget(const ByteRange& range) const override;
     [[nodiscard]] FetchedCounts fetched() const override;

@@ -13,8 +13,8 @@ from cli_case import CliCase, run  # noqa: E402
 import h5py  # noqa: E402
 import numpy as np  # noqa: E402
 
-PAPER = "isonest: warning: normal_bar is now the paper's eta_N; what had this name before, the length of the whole jump, " \
-        "is normal_jump_bar\n"
+PAPER = "isonest: warning: normal_bar is now the paper's eta_N; the length of the whole jump, which had this name before, " \
+        "is now normal_jump_bar\n"
 FORMER = "isonest: warning: normal_component_bar is now called normal_bar; the next version will not know its former name\n"
 
 

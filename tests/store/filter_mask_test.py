@@ -187,7 +187,7 @@ class FilterMask(unittest.TestCase):
             path, at, row, _ = first_of(f, 1)
             write_with(f, path, at, 3, row)
 
-        for change, words in ((mask_cleared, "undoes a shuffle"), (mask_of_all_filters, "skips a filter")):
+        for change, words in ((mask_cleared, "reverses a shuffle"), (mask_of_all_filters, "skips a filter")):
             text = self.run_isonest("check", "--deep", self.forged(store, change), code=4)
             self.assertIn(words, text)
 

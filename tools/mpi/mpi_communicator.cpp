@@ -102,7 +102,7 @@ MpiCommunicator::MpiCommunicator(int& argc, char**& argv, std::function<bool()> 
     MPI_Get_processor_name(name.data(), &length);
     host_.assign(name.data(), static_cast<std::size_t>(length));
     if (provided < MPI_THREAD_SERIALIZED && size_ > 1) {
-        std::fputs("isonest-mpi: error: this MPI has no support for threads\n", stderr);
+        std::fputs("isonest-mpi: error: this MPI does not support threads\n", stderr);
         MPI_Abort(MPI_COMM_WORLD, static_cast<int>(ErrorKind::unsupported));
     }
 }

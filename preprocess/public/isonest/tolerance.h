@@ -33,7 +33,7 @@ struct WithinNoise {};
 
 using ValueTolerance = std::variant<WithinValue, WithinRangePart, WithoutLowBits, WithinNoise>;
 
-/// What the values of a volume say about a tolerance.
+/// Properties of a volume's values from which a tolerance is chosen.
 struct ValueSurvey {
     double min = 0;  ///< smallest finite value; above `max` if there is none
     double max = 0;

@@ -172,7 +172,7 @@ class Reader {
         v.name = name();
         const std::uint64_t dims = count();
         if (dims > kMaxDims) {
-            corrupt(fmt::format("a variable of {} axes has too many", dims));
+            corrupt(fmt::format("a variable has too many axes: {}", dims));
         }
         for (std::uint64_t i = 0; i < dims && !short_; ++i) {
             const std::uint64_t dim = count();

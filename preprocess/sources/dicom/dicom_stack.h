@@ -37,7 +37,7 @@ struct DicomStack {
 /// Sorts by position along the normal; images at one place by time, by what else differs in the
 /// same way at all places (acquisition, b value, trigger, echo), by number in the series and by
 /// file. If images have no positions, sorts by their numbers, or by file name. `as_it_is`: missing
-/// or slices off the line from the first to the last are no error, because the caller gives their
+/// or slices off the line from the first to the last are not errors, because the caller gives their
 /// distance. No I/O. Throws Error{unsupported}, naming the files, for images that differ, for
 /// slices that are missing or duplicated, and for slices at uneven distances that are also tilted.
 DicomStack stack_slices(const DicomGroup& images, const std::vector<std::filesystem::path>& files,

@@ -20,8 +20,8 @@ namespace isonest::detail {
 
 /// Announces the bytes of a slab that is about to be read. If the slab follows the one before, up
 /// or down along z or along y, it also announces the slabs that come next if this continues: as
-/// many bytes as were read in this order so far, up to a window. Thread-safety: that of ReadAhead;
-/// begin() as expect().
+/// many bytes as were read in this order so far, up to a window. Thread-safety: that of ReadAhead,
+/// where begin() counts as expect().
 class SlabAhead {
   public:
     /// Appends the ranges of a slab in the order in which they are read.

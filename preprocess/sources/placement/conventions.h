@@ -26,7 +26,7 @@ using NumbersOfAttribute = std::function<std::vector<double>(const std::string& 
 /// `valid_range`. All but the first two refer to stored numbers. Only the values in these
 /// attributes are missing data, not NetCDF's default fill values; xarray does the same.
 /// Source: https://cfconventions.org/Data/cf-conventions/cf-conventions-1.11/cf-conventions.html,
-/// sections 2.5.1 and 8.1. Throws Error{corrupt} for a scale factor of 0 or that is no number.
+/// sections 2.5.1 and 8.1. Throws Error{corrupt} for a scale factor that is 0 or not a number.
 Scaling cf_scaling(const NumbersOfAttribute& attribute, const std::string& name);
 
 /// Reinterprets numbers of `bytes` bytes, read as signed, as unsigned (`_Unsigned`).

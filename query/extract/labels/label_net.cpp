@@ -298,8 +298,8 @@ void require_smoothable(const StoreReader& store, const LabelQuery& query,
     if (!(rounding < kMax)) {
         throw Error(
             ErrorKind::limit, {name},
-            fmt::format("32-bit floats round its coordinates by up to {:.6g} of the node distance; "
-                        "smooth labels allow at most {:.6g}. It is too far from 0",
+            fmt::format("too far from 0 for smooth labels: 32-bit floats round its coordinates by "
+                        "up to {:.6g} of the node distance, but at most {:.6g} is allowed",
                         rounding, kMax),
             {{RemedyKind::place_in_world, "origin"}});
     }

@@ -40,8 +40,8 @@ enum class ComputedIndicator : std::uint8_t {
 
 struct ComputedField {
     ComputedIndicator indicator = ComputedIndicator::lp;
-    /// Of those whose name ends with lp: at least 1, or infinite; of deviation_lp and
-    /// deviation_grad_lp at most 64, or infinite.
+    /// For indicators whose name ends with lp: at least 1, or infinite. For deviation_lp and
+    /// deviation_grad_lp: at most 64, or infinite.
     double power = 1;
     std::optional<Saturation> saturation;  ///< nothing: not saturated
 };

@@ -42,8 +42,8 @@ bool hangs(const Lattice& lattice, const Int3& p, const NodeInfo& node, const St
     return false;
 }
 
-/// The node is the centre of an edge, face or cell: the mean of `value` at the ends or corners of
-/// that. REQUIRES: node.scale > 0.
+/// The mean of `value` at the ends of the edge, or the corners of the face or cell, whose centre
+/// the node is. REQUIRES: node.scale > 0.
 template <class Value>
 double mean_of_corners(const Int3& p, const NodeInfo& node, const Value& value) {
     double sum = 0;

@@ -89,8 +89,8 @@ std::string Hdf5View::Impl::read(const ArrayInfo& array, const Int3& chunk, cons
     if (skipped_filters == array.filter_mask(row)) {
         return {};
     }
-    return skipped_filters == 0 ? "HDF5 undoes a shuffle that the table says was not done"
-                                : "HDF5 skips a filter that the table says was applied";
+    return skipped_filters == 0 ? "HDF5 reverses a shuffle that, by the table, was not applied"
+                                : "HDF5 skips a filter that, by the table, was applied";
 }
 
 std::optional<std::vector<std::byte>> Hdf5View::catalogue(const StoreLayout& layout,

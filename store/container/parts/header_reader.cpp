@@ -248,7 +248,7 @@ class Reader {
         header.label_names = out_.version >= FormatVersion{2, 8} && root_.has_label_names();
         header.type = *known_type;
         if (header.labels && header.type != ValueType::f64) {
-            damaged("damaged: labels of 64 bits are float64");
+            damaged("damaged: 64-bit labels must be stored as float64");
         }
         header.chunk = static_cast<int>((*chunk)[0]);
         header.compression = static_cast<int>(std::min<std::uint64_t>((*compression)[0], 100));
@@ -268,7 +268,7 @@ class Reader {
         if (!numbers || !digest || direction_digest(direction) != (*digest)[0] ||
             !why_no_directions(out_.header.nodes, direction).empty() ||
             are_directions(direction) == sheared_ || direction == kAlongWorld) {
-            damaged("damaged: its directions are not those that were written");
+            damaged("damaged: checksum mismatch: its directions have changed");
         }
     }
 
@@ -305,7 +305,7 @@ class Reader {
         });
         if (!symbol || !digest || text_digest(*symbol) != (*digest)[0] ||
             (found == units.end() && out_.version <= kNewest)) {
-            damaged("damaged: its unit of length is not the one that was written");
+            damaged("damaged: checksum mismatch: its unit of length has changed");
         }
         if (found != units.end()) {
             out_.header.unit = found->unit;
@@ -322,7 +322,7 @@ class Reader {
         const auto frame = name ? frame_from(*name) : std::nullopt;
         if (!name || !digest || text_digest(*name) != (*digest)[0] ||
             (!frame && out_.version <= kNewest)) {
-            damaged("damaged: its anatomical frame is not the one that was written");
+            damaged("damaged: checksum mismatch: its anatomical frame has changed");
         }
         out_.header.frame = frame.value_or(AnatomicalFrame::unknown);
     }
@@ -334,7 +334,7 @@ class Reader {
             numbers ? DataRounding{(*numbers)[0], (*numbers)[1]} : DataRounding{};
         if (!numbers || !digest || numbers_digest(*numbers) != (*digest)[0] ||
             !std::isfinite(read.step) || !(read.tolerance > 0) || !(read.tolerance <= read.step)) {
-            damaged("damaged: its tolerance is not the one that was written");
+            damaged("damaged: checksum mismatch: its tolerance has changed");
         }
         out_.header.rounding = read;
     }

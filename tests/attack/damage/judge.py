@@ -135,7 +135,7 @@ def refusal(one, done, output, names, foreign):
         return attack.wrong(f"not one error message, exit {done.code}:\n{done.err[-3000:]}")
     if re.search(r"[\0-\x08\x0b-\x1f\x7f-\x9f]", done.err):
         return attack.wrong(f"the message has control characters: {done.err!r}")
-    if "out of memory" in done.err or "lets this run have" in done.err:
+    if "out of memory" in done.err or "allows this run only" in done.err:
         if foreign:
             return attack.refused("library took more memory than it may")
         return attack.wrong(f"took more memory than it may\n{done.err}")

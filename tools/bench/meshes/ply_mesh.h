@@ -167,7 +167,7 @@ inline Mesh read_ply(const std::string& path) {
                         coordinate);
             mesh.points[i][axis] = coordinate == 4 ? single : mesh.points[i][axis];
             if (!std::isfinite(mesh.points[i][axis])) {
-                fail("a coordinate that is no number");
+                fail("a coordinate is not a number");
             }
         }
     }

@@ -76,8 +76,9 @@ void add_make_volume(CLI::App& app, Invocation& chosen) {
         const bool seeded = c->get_option("--seed")->count() > 0;
         chosen.run = [a, seeded](Progress& progress) {
             if (seeded && a->options.name != "noise" && a->options.name != "cahn-hilliard") {
-                throw Error(ErrorKind::invalid_argument,
-                            fmt::format("--seed: {} is not random", a->options.name));
+                throw Error(
+                    ErrorKind::invalid_argument,
+                    fmt::format("--seed: the volume {} contains nothing random", a->options.name));
             }
             return run(*a, progress);
         };

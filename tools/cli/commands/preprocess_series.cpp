@@ -191,8 +191,8 @@ bool have_own_numbers(const std::vector<StepInput>& steps) {
         names.begin(), names.end(), [](const auto& a, const auto& b) { return a.parts < b.parts; });
     if (!same_order) {
         throw Error(ErrorKind::invalid_argument, {steps.front().file},
-                    "the numbers in the file names have another order as decimal numbers than part "
-                    "by part; give the times with --times");
+                    "the order of the file names is unclear: as decimal numbers, 1.10 comes before "
+                    "1.5, but part by part after it; give the times with --times");
     }
     return true;
 }

@@ -319,15 +319,15 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     std::error_code error;
     if (fs::exists(folder, error) && !fs::is_directory(folder, error)) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
-                    "is not a folder; with --labels, give a folder for the meshes, or another "
-                    "name that ends with .glb or .3mf for all in one file");
+                    "is not a folder; with --labels, give a folder for the meshes, or a name that "
+                    "ends with .glb or .3mf for one file with all of them");
     }
     if (const std::string end = lower_extension(folder);
         !fs::exists(folder, error) && end.size() > 1 &&
         std::find(kFormats.begin(), kFormats.end(), end.substr(1)) != kFormats.end()) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
                     "--labels needs a folder for the meshes, or a name that ends with .glb or .3mf "
-                    "for all in one file");
+                    "for one file with all of them");
     }
     const bool is_turned = a.space != MeshSpace::automatic && a.space != MeshSpace::as_stored;
     constexpr std::array kWithFields{"ply", "vtp", "vtkhdf", "glb"};
@@ -345,7 +345,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     }
     if (makes_detail_levels(labels) && (is_turned || a.up != UpAxis::z)) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
-                    fmt::format("{}: meshes for Neuroglancer are always as stored",
+                    fmt::format("{}: meshes for Neuroglancer always keep the stored positions",
                                 is_turned ? "--space" : "--up"));
     }
     const std::vector<Label> chosen =
@@ -447,9 +447,9 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
         result.text += "more triangles than asked for: the distance does not allow fewer\n";
     }
     if (smooth) {
-        result.text +=
-            smooth_text(*smooth) +
-            (components && components->dropped > 0 ? " but those of dropped components\n" : "\n");
+        result.text += smooth_text(*smooth) + (components && components->dropped > 0
+                                                   ? " except those of dropped components\n"
+                                                   : "\n");
     }
     if (components) {
         result.text += fmt::format(

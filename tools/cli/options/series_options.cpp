@@ -126,7 +126,8 @@ std::vector<double> times_of(const NewTimes& times, std::size_t steps) {
     if (std::adjacent_find(all.begin(), all.end(), std::greater_equal<>()) != all.end()) {
         throw Error(
             ErrorKind::invalid_argument,
-            fmt::format("{}: the steps of the times are too small to change them", kOption));
+            fmt::format("{}: the interval is so small that successive times are the same number",
+                        kOption));
     }
     if (given != steps) {
         throw Error(ErrorKind::invalid_argument,

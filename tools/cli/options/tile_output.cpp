@@ -205,8 +205,8 @@ void MeshOutput::finish(const ExtractReport& r, Progress& progress, Result& resu
     }
     if (without > 0) {
         result.text += fmt::format(
-            "{} tiles have too many triangles that cannot be simplified, and no mesh: viewers load "
-            "what is below them\n",
+            "{} tiles have no mesh, because too many of their triangles cannot be simplified; "
+            "viewers load the tiles below them\n",
             without);
     }
 }

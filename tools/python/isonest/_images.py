@@ -185,7 +185,7 @@ class _Values:
 
 
 def _coordinates(volume: Any, dim: Any) -> "Optional[tuple[str, list[float], str]]":
-    """Name, numbers and unit of a dimension's coordinate; None if it has none, or one that is no number."""
+    """Name, numbers and unit of a dimension's coordinate; None if it has none, or if it is not a number."""
     if dim not in volume.coords:
         return None
     coordinate = volume.coords[dim]

@@ -51,7 +51,7 @@ std::unique_ptr<VolumeSource> Source::take() {
 
 VolumeSource& Source::volume() const {
     if (!volume_) {
-        throw py::value_error("this source has been used");
+        throw py::value_error("this source has already been used; make another one");
     }
     return *volume_;
 }

@@ -251,7 +251,7 @@ NodeBox box_in(const Store& store, int level, const Numbers& lo, const Numbers& 
     const NodeBox box{{lo[0], lo[1], lo[2]}, Int3{hi[0], hi[1], hi[2]} - Int3{lo[0], lo[1], lo[2]}};
     for (int axis = 0; axis < 3; ++axis) {
         if (box.lo[axis] < 0 || box.size[axis] < 0 || box.lo[axis] + box.size[axis] > nodes[axis]) {
-            throw py::index_error("the box does not lie in the level");
+            throw py::index_error("the box is not inside the level");
         }
     }
     return box;
