@@ -17,6 +17,7 @@
 #include "query/extract/combinations.h"
 #include "query/extract/extract_shared.h"
 #include "store/files/output_file.h"
+#include "store/lattice/lattice.h"
 #include "store/ranks/agreement.h"
 #include "store/remote/open_location.h"
 #include "tools/cli/commands/extract_command.h"
@@ -326,8 +327,8 @@ Result extract_volume(ExtractCommand& arguments, bool has_iso, Progress& progres
     arguments.distance.resolve(volume->describe().unit, a.store);
     if (has_iso && !a.is_graph && !arguments.labels.one && !arguments.labels.several) {
         // Checked now, before time is spent on making a store.
-        require_combination(features_of(volume->describe(), arguments.surface_query(nullptr)),
-                            a.store);
+        const int dimension = Lattice(volume->describe().nodes).dimension();
+        require_combination(features_of(arguments.surface_query(nullptr), dimension), a.store);
     }
     if (!has_iso && !a.is_graph && !arguments.labels.one && !arguments.labels.several) {
         throw Error(ErrorKind::invalid_argument, {a.store},
