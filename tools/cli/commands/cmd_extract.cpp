@@ -591,8 +591,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
             for (const NamedValues& named : a->named_values) {
                 inputs.insert(inputs.end(), named.sources.begin(), named.sources.end());
             }
-            require_remote(a->in.remote, inputs);
-            return run_beside_fetching(a->in.remote,
+            return run_beside_fetching(a->in.remote, inputs,
                                        [&] { return run(*a, has_iso, ranks, progress); });
         };
         if (!is_series(a->in.input.front())) {
