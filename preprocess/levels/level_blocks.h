@@ -1,6 +1,8 @@
 // The blocks that read the volume and produce the levels.
 #pragma once
 
+#include <oneapi/tbb/task_group.h>
+
 #include <algorithm>
 #include <cstdint>
 #include <utility>
@@ -76,6 +78,24 @@ void run_and_carry(const PassContext& context, const LevelTask<T>& task, int lev
 Int3 base_grid(const StoreLayout& layout);
 /// Planes of the volume that the blocks with this z need: [first, second).
 std::pair<std::int64_t, std::int64_t> base_planes(const StoreLayout& layout, std::int64_t z);
+/// Calls work() while another thread calls read(). Throws what work() throws, else what read()
+/// throws, when both have ended.
+template <class Read, class Work>
+void while_reading(const Read& read, const Work& work) {
+    tbb::task_group reading;
+    reading.run(read);
+    try {
+        work();
+    } catch (...) {
+        try {
+            reading.wait();
+        } catch (...) {
+            // The first failure is the one to report.
+        }
+        throw;
+    }
+    reading.wait();
+}
 /// Levels 0 to 2 of one base block: values of 0 and 1, indicators of 1 and 2.
 template <class T>
 std::vector<EncodedChunk> base_block(const PassContext& context, const PlaneWindow& window,

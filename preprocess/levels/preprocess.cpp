@@ -1,5 +1,4 @@
 #include <fmt/format.h>
-#include <oneapi/tbb/task_group.h>
 
 #include <algorithm>
 #include <chrono>
@@ -89,26 +88,19 @@ void run_levels(const Outputs& outputs, const OwnIndicators& own, PlaneWindow& w
     for (std::int64_t z = first; z < grid.z; ++z) {
         const auto [begin, end] = base_planes(layout, z);
         window.load(begin, end);
-        tbb::task_group reading;
-        if (z + 1 < grid.z) {
-            reading.run([&] { window.prefetch(base_planes(layout, z + 1).second); });
-        }
-        try {
+        const auto read_ahead = [&] {
+            if (z + 1 < grid.z) {
+                window.prefetch(base_planes(layout, z + 1).second);
+            }
+        };
+        while_reading(read_ahead, [&] {
             run_blocks(
                 {grid.x, grid.y, 1}, budget.tokens,
                 [&](const Int3& b) {
                     return base_block<T>(context, window, {b.x, b.y, z});
                 },
                 outputs, progress, per_block);
-        } catch (...) {
-            try {
-                reading.wait();
-            } catch (...) {
-                // The first failure is the one to report.
-            }
-            throw;
-        }
-        reading.wait();
+        });
         outputs.complete(2, z + 1);
     }
     CachedLevels finer(outputs.writer, budget.cache(window.heap()));

@@ -1,7 +1,6 @@
 #include "preprocess/ranks/rank_passes.h"
 
 #include <fmt/format.h>
-#include <oneapi/tbb/task_group.h>
 
 #include <algorithm>
 #include <chrono>
@@ -130,7 +129,7 @@ void run_box(PassWork& work, VolumeSource& source, const PassContext& context, c
     for (std::int64_t z = box.z_begin; z < box.z_end; ++z) {
         const Int3 first{0, box.y_begin, z};
         const std::vector<bool> made = blocks_made(work, grid, first);
-        tbb::task_group reading;
+        bool reads_ahead = false;
         if (std::find(made.begin(), made.end(), false) != made.end()) {
             if (!window) {
                 window.emplace(source, part_of(layout, box), 2 * layout.header().chunk + 8,
@@ -138,14 +137,17 @@ void run_box(PassWork& work, VolumeSource& source, const PassContext& context, c
             }
             const auto [begin, end] = base_planes(layout, z);
             window->load(begin, end);
-            if (z + 1 < box.z_end) {
-                reading.run([&] { window->prefetch(base_planes(layout, z + 1).second); });
-            }
+            reads_ahead = z + 1 < box.z_end;
         }
         const auto is_made = [&](const Int3& block) {
             return made[static_cast<std::size_t>(grid.linear(block - first))];
         };
-        try {
+        const auto read_ahead = [&] {
+            if (reads_ahead) {
+                window->prefetch(base_planes(layout, z + 1).second);
+            }
+        };
+        while_reading(read_ahead, [&] {
             run_own_blocks(
                 work, kBasePass, grid.product(),
                 [&](std::int64_t i) { return grid.unlinear(i) + first; },
@@ -163,15 +165,7 @@ void run_box(PassWork& work, VolumeSource& source, const PassContext& context, c
                     }
                 },
                 progress_per_block);
-        } catch (...) {
-            try {
-                reading.wait();
-            } catch (...) {
-                // The first failure is the one to report.
-            }
-            throw;
-        }
-        reading.wait();
+        });
     }
     if (window) {
         work.bytes_read += window->bytes_read();

@@ -504,6 +504,24 @@ namespace isonest::detail {
 
 // The only list of formats.
 
+std::vector<std::filesystem::path> VolumeInput::slices(
+    const std::vector<std::string_view>& extensions) const {
+    if (folder) {
+        return files_in(path(), extensions);
+    }
+    std::vector<std::filesystem::path> files = paths;
+    std::stable_sort(files.begin(), files.end(), [](const auto& a, const auto& b) {
+        return naturally_less(a.string(), b.string());
+    });
+    return files;
+}
+
+std::string VolumeInput::name_of_slices(const std::vector<std::filesystem::path>& files) const {
+    return files.size() == 1 || folder
+               ? path().string()
+               : fmt::format("{} and {} more", files.front().string(), files.size() - 1);
+}
+
 std::string VolumeInput::name() const {
     return shown_location(paths.front().native());
 }

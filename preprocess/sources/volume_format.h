@@ -36,6 +36,12 @@ struct VolumeInput {
     [[nodiscard]] const std::filesystem::path& path() const { return paths.front(); }
     /// For messages.
     [[nodiscard]] std::string name() const;
+    /// The files of a volume with a file for each slice, in natural order: those in the folder
+    /// whose extension is one of these (files_in()), or all.
+    [[nodiscard]] std::vector<std::filesystem::path> slices(
+        const std::vector<std::string_view>& extensions) const;
+    /// The name of such a volume, for messages. `files`: its slices.
+    [[nodiscard]] std::string name_of_slices(const std::vector<std::filesystem::path>& files) const;
 };
 
 /// The members of SourceOptions that apply to a format; the others are refused.

@@ -187,7 +187,7 @@ void measure(const Grid& grid, double limit, NodeErrors& errors) {
         return look_ahead(run.cache, nullptr, elements, coarsest, finest, false, [&] {
             return element_scout<Element<3>>(
                 StoreNumbers(run.cache), grid.region, grid.interest, NothingStops{},
-                SimplexNeeds(run.cache, run.query, {run.query.bound}, LeafReads::nothing));
+                SimplexNeeds(run, {run.query.bound}, LeafReads::nothing));
         });
     };
     for_groups(grid, "distances", look, [&](std::span<const Element<3>> blocks) {
@@ -236,12 +236,12 @@ TraversalCounts march_within(const Grid& grid, double limit, const NodeErrors& e
         [&] { return Worker(run, grid.interest, stop, [&] { return BlockMarch(run, errors); }); });
     const auto look = [&](std::span<const Element<3>> elements, int coarsest, int finest) {
         workers.leave();
-        return look_ahead(
-            run.cache, run.query.attribute_values, elements, coarsest, finest, true, [&] {
-                return element_scout<Element<3>>(
-                    DistanceNumbers(run.cache, errors), grid.region, grid.interest, stop,
-                    SimplexNeeds(run.cache, run.query, {run.query.bound}, LeafReads::edges));
-            });
+        return look_ahead(run.cache, run.query.attribute_values, elements, coarsest, finest, true,
+                          [&] {
+                              return element_scout<Element<3>>(
+                                  DistanceNumbers(run.cache, errors), grid.region, grid.interest,
+                                  stop, SimplexNeeds(run, {run.query.bound}, LeafReads::edges));
+                          });
     };
     std::uint64_t blocks_before = 0;
     for_groups(grid, "extract", look, [&](std::span<const Element<3>> blocks) {
@@ -257,12 +257,12 @@ TraversalCounts march_within(const Grid& grid, double limit, const NodeErrors& e
 
 }  // namespace
 
-std::uint64_t distance_traversal_heap(const StoreLayout& layout, const TraversalQuery& query) {
+std::uint64_t distance_traversal_heap(const StoreLayout& layout, Field bound) {
     std::uint64_t held = 0;
     for (const ArrayInfo& array : layout.arrays()) {
         // Two samplers hold values of each level, one holds the bound.
         held += array.field == Field::values ? 2 * array.chunk_bytes()
-                : array.field == query.bound ? array.chunk_bytes()
+                : array.field == bound       ? array.chunk_bytes()
                                              : 0;
     }
     // The results of a block, up to 32^3 elements.
@@ -270,11 +270,8 @@ std::uint64_t distance_traversal_heap(const StoreLayout& layout, const Traversal
     return held + kBlock;
 }
 
-TraversalCounts traverse_within_distance(ChunkCache& cache, const TraversalQuery& query,
-                                         double limit, const ScratchFolder& folder,
-                                         std::size_t part_vertices, const PartSink& sink,
-                                         Progress& progress) {
-    TraversalRun run(cache, query, part_vertices, sink, progress);
+TraversalCounts traverse_within_distance(TraversalRun& run, double limit,
+                                         const ScratchFolder& folder) {
     const Grid grid(run);
     NodeErrors errors(folder);
     measure(grid, limit, errors);

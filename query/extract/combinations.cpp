@@ -86,8 +86,6 @@ constexpr std::array kRefused{
                 "tetrahedra; within a distance, the full volume itself is reported"},
 };
 
-constexpr auto kTetrahedra = [] { return false; };
-
 void set(Features& features, Feature feature, bool is_requested = true) {
     if (is_requested) {
         features.set(static_cast<std::size_t>(feature));
@@ -104,10 +102,6 @@ bool goes_with(const Features& features, Feature feature) {
         return row.feature == feature ? (row.with & features).any()
                                       : has(features, row.feature) && has(row.with, feature);
     });
-}
-
-bool is_flat(const StoreReader& store) {
-    return store.layout().lattice().dimension() == 2;
 }
 
 /// Sets the features of the stop test. Without an effort: the one that suits the other features
@@ -150,21 +144,6 @@ struct StopFeatures {
     }
 };
 
-template <class Query>
-Features place_features(const Query& query) {
-    Features features;
-    set(features, Feature::place, query.focus || query.camera);
-    return features;
-}
-
-/// For a slice or a graph.
-template <class Query>
-Features plane_features(const Query& query) {
-    Features features = place_features(query);
-    set(features, Feature::hexahedra, query.cells == Cells::hexahedra);
-    return features;
-}
-
 Features stage_features(const SurfaceStages& stages) {
     Features features;
     set(features, Feature::closing, stages.close.has_value());
@@ -174,14 +153,15 @@ Features stage_features(const SurfaceStages& stages) {
     return features;
 }
 
-/// `given`: nothing if the cells are to be chosen by all of the other features. `is_cheaper()`:
-/// whether hexahedra cost less, if a surface is simplified within an error.
-template <class IsCheaper>
-void set_cells(Features& features, const std::optional<Cells>& given, const IsCheaper& is_cheaper) {
+/// `given`: nothing if the cells are to be chosen by all of the other features. `is_cheaper`: as
+/// for features_of().
+void set_cells(Features& features, const std::optional<Cells>& given,
+               const std::function<bool()>& is_cheaper) {
     const auto is_chosen = [&] {
         const bool is_within_error = has(features, Feature::simplified_error);
         return (is_within_error || !has(features, Feature::error)) &&
-               goes_with(features, Feature::hexahedra) && (!is_within_error || is_cheaper());
+               goes_with(features, Feature::hexahedra) &&
+               (!is_within_error || (is_cheaper && is_cheaper()));
     };
     set(features, Feature::hexahedra, given ? *given == Cells::hexahedra : is_chosen());
     set(features, Feature::coarse_hexahedra,
@@ -189,10 +169,12 @@ void set_cells(Features& features, const std::optional<Cells>& given, const IsCh
             !has(features, Feature::simplified_error));
 }
 
-template <class IsCheaper>
-Features surface_features(const SurfaceQuery& query, bool isolines, bool uneven,
-                          const IsCheaper& is_cheaper) {
-    Features features = place_features(query) | stage_features(query.stages);
+}  // namespace
+
+Features features_of(const SurfaceQuery& query, const VolumeShape& shape,
+                     const std::function<bool()>& is_cheaper) {
+    Features features = stage_features(query.stages);
+    set(features, Feature::place, query.focus || query.camera);
     set(features, Feature::exact_vertices, query.grid.vertices == VertexPlace::exact);
     set(features, Feature::culling, query.grid.culling.has_value());
     set(features, Feature::tetrahedra, query.grid.cells == Cells::tetrahedra);
@@ -202,8 +184,8 @@ Features surface_features(const SurfaceQuery& query, bool isolines, bool uneven,
     set(features, Feature::analysis, query.analysis.has_value());
     set(features, Feature::open, !query.stages.close);
     set(features, Feature::volume_interval, query.volume_interval);
-    set(features, Feature::isolines, isolines);
-    set(features, Feature::uneven_axes, uneven);
+    set(features, Feature::isolines, shape.dimension == 2);
+    set(features, Feature::uneven_axes, shape.is_uneven);
     std::visit(StopFeatures{features, query.effort}, query.stop);
     set(features, Feature::no_distance, !has(features, Feature::distance));
     // A field by which elements are skipped is one of tetrahedra.
@@ -212,8 +194,6 @@ Features surface_features(const SurfaceQuery& query, bool isolines, bool uneven,
               is_cheaper);
     return features;
 }
-
-}  // namespace
 
 const char* name_of(Feature feature) {
     switch (feature) {
@@ -291,23 +271,17 @@ std::span<const Combination> refused_combinations() {
     return kRefused;
 }
 
-Features features_of(const SurfaceQuery& query) {
-    return surface_features(query, false, false, kTetrahedra);
-}
-
 Features features_of(const StoreReader& store, const SurfaceQuery& query) {
-    const bool uneven = store.layout().header().uneven != nullptr;
-    return surface_features(query, is_flat(store), uneven, [&] {
-        const auto* const stop = std::get_if<ErrorBound>(&query.stop);
-        // An indicator other than the default is one of tetrahedra.
-        return stop != nullptr && stop->indicator == ErrorIndicator::deviation && stop->value > 0 &&
-               hexahedra_are_cheaper(store, query.iso, error_left(store, error_of(store, *stop)));
-    });
-}
-
-Features features_of(const VolumeDescription& volume, const SurfaceQuery& query) {
-    return surface_features(query, Lattice(volume.nodes).dimension() == 2, volume.uneven != nullptr,
-                            kTetrahedra);
+    const StoreLayout& layout = store.layout();
+    return features_of(query, {layout.lattice().dimension(), layout.header().uneven != nullptr},
+                       [&] {
+                           const auto* const stop = std::get_if<ErrorBound>(&query.stop);
+                           // An indicator other than the default is one of tetrahedra.
+                           return stop != nullptr && stop->indicator == ErrorIndicator::deviation &&
+                                  stop->value > 0 &&
+                                  hexahedra_are_cheaper(store, query.iso,
+                                                        error_left(store, error_of(store, *stop)));
+                       });
 }
 
 Features features_of(const StoreReader& store, const LabelQuery& query) {
@@ -316,7 +290,7 @@ Features features_of(const StoreReader& store, const LabelQuery& query) {
     set(features, Feature::uneven_axes, store.layout().header().uneven != nullptr);
     set(features, Feature::smooth_label, query.smooth.has_value());
     set(features, Feature::stepped_label, !query.smooth);
-    set(features, Feature::isolines, is_flat(store));
+    set(features, Feature::isolines, store.layout().lattice().dimension() == 2);
     set(features, Feature::box, query.box.has_value());
     set(features, Feature::tetrahedra, query.cells == Cells::tetrahedra);
     set(features, Feature::normals, query.attributes.normals);
@@ -329,17 +303,16 @@ Features features_of(const StoreReader& store, const LabelQuery& query) {
         set(features, Feature::simplified_label, has(features, Feature::distance));
         set(features, Feature::hexahedra, query.cells == Cells::hexahedra);
     } else {
-        set_cells(features, query.cells, kTetrahedra);
+        set_cells(features, query.cells, {});
     }
     return features;
 }
 
-Features features_of(const SliceQuery& query) {
-    return plane_features(query);
-}
-
-Features features_of(const GraphQuery& query) {
-    return plane_features(query);
+Features plane_features(bool has_place, Cells cells) {
+    Features features;
+    set(features, Feature::place, has_place);
+    set(features, Feature::hexahedra, cells == Cells::hexahedra);
+    return features;
 }
 
 Cells cells_of(const Features& features) {
@@ -353,14 +326,13 @@ Effort effort_of(const Features& features) {
     return has(features, Feature::fast) ? Effort::fast : Effort::best;
 }
 
-bool needs_store(const VolumeDescription& volume, const SurfaceQuery& query) {
-    const Features features = surface_features(query, false, volume.uneven != nullptr, kTetrahedra);
+bool needs_store(const VolumeDescription& volume, const Features& features, bool has_bound) {
     constexpr std::array kOfStores{
         Feature::error,   Feature::simplified_error, Feature::nested_distance,
         Feature::place,   Feature::volume_interval,  Feature::exact_vertices,
         Feature::culling, Feature::vertex_fields,    Feature::analysis};
     const Int3& n = volume.nodes;
-    return volume.labels || std::min({n.x, n.y, n.z}) == 1 || query.grid.bound ||
+    return volume.labels || std::min({n.x, n.y, n.z}) == 1 || has_bound ||
            std::any_of(kOfStores.begin(), kOfStores.end(),
                        [&](Feature feature) { return has(features, feature); });
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <bitset>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -72,12 +73,18 @@ std::span<const Combination> refused_combinations();
 
 Features features_of(const StoreReader& store, const SurfaceQuery& query);
 Features features_of(const StoreReader& store, const LabelQuery& query);
-Features features_of(const SliceQuery& query);
-Features features_of(const GraphQuery& query);
-/// Features for a volume without a store. REQUIRES (for the cells): no needs_store().
-Features features_of(const VolumeDescription& volume, const SurfaceQuery& query);
-/// Features of the query alone, independent of the store.
-Features features_of(const SurfaceQuery& query);
+/// What features depend on, of a volume without a store.
+struct VolumeShape {
+    int dimension = 3;
+    bool is_uneven = false;  ///< along some axis
+};
+/// Features of the query alone, or for a volume of this shape without a store. `is_cheaper`:
+/// whether hexahedra cost less, if a surface is simplified within an error; empty: they do not.
+/// REQUIRES for a volume (for the cells): no needs_store().
+Features features_of(const SurfaceQuery& query, const VolumeShape& shape = {},
+                     const std::function<bool()>& is_cheaper = {});
+/// Features of a slice or a graph. `has_place`: it has a focus or a camera.
+Features plane_features(bool has_place, Cells cells);
 
 /// The requested cells, or those that suit the features best.
 Cells cells_of(const Features& features);
@@ -85,8 +92,9 @@ Cells cells_of(const Features& features);
 /// Whether and how the mesh is simplified: as requested, or as suits the features best.
 Effort effort_of(const Features& features);
 
-/// Whether a query of a volume needs more than the values at full resolution.
-bool needs_store(const VolumeDescription& volume, const SurfaceQuery& query);
+/// Whether a query of a volume needs more than the values at full resolution. `has_bound`: it names
+/// a field by which elements are skipped.
+bool needs_store(const VolumeDescription& volume, const Features& features, bool has_bound);
 
 /// Whether the query is for the whole surface of hexahedra without any processing of the mesh: for
 /// a volume it is output in its own order. REQUIRES: no needs_store().

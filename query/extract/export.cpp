@@ -1,5 +1,3 @@
-#include "query/extract/export.h"
-
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -11,6 +9,7 @@
 #include <vector>
 
 #include <isonest/error.h>
+#include <isonest/export_field.h>
 
 #include "query/study/computed_field.h"
 #include "query/values/label_view.h"
@@ -159,9 +158,14 @@ void export_indicator(const StoreReader& store, Field field, const ExportOptions
 }
 
 }  // namespace
+}  // namespace isonest::detail
 
-Int3 export_field(const StoreReader& store, const std::filesystem::path& path,
-                  const ExportOptions& options, Progress& progress) {
+namespace isonest {
+
+Int3 export_field(const Store& of, const std::filesystem::path& path, const ExportOptions& options,
+                  Progress& progress) {
+    using namespace detail;
+    const StoreReader& store = of.reader();
     if (std::holds_alternative<ComputedField>(options.field)) {
         export_computed_field(store, path, options, progress);
         return store.layout().header().nodes;
@@ -206,15 +210,6 @@ Int3 export_field(const StoreReader& store, const std::filesystem::path& path,
     export_indicator(store, field, options, *file, progress);
     file->finish();
     return header.nodes;
-}
-
-}  // namespace isonest::detail
-
-namespace isonest {
-
-Int3 export_field(const Store& store, const std::filesystem::path& path,
-                  const ExportOptions& options, Progress& progress) {
-    return detail::export_field(store.reader(), path, options, progress);
 }
 
 }  // namespace isonest

@@ -1,9 +1,14 @@
 #include "query/extract/extract.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <chrono>
 #include <limits>
+#include <string>
 #include <vector>
 
+#include <isonest/error.h>
 #include <isonest/extract.h>
 
 #include "query/extract/combinations.h"
@@ -14,10 +19,11 @@
 #include "query/extract/labels/label_net.h"
 #include "query/extract/query_checks.h"
 #include "query/extract/report.h"
-#include "query/mesh/measuring_sink.h"
-#include "query/mesh/mesh_sinks.h"
+#include "query/statistics/find_labels.h"
 #include "query/values/label_view.h"
+#include "store/base/memory.h"
 #include "store/base/workers.h"
+#include "store/container/codec.h"
 
 namespace isonest::detail {
 
@@ -69,6 +75,13 @@ std::uint64_t cube_range_bytes(const StoreReader& store) {
 
 namespace {
 
+/// The number of threads for which there is memory to search for a label, a chunk each. Throws
+/// Error{limit} if there is none.
+int threads_to_look(const StoreLayout& layout, const MemoryShare& memory) {
+    const std::size_t chunk = layout.array(0, Field::values).chunk_bytes();
+    return memory.threads_of(chunk + decode_heap(chunk), "smoothing its labels");
+}
+
 std::vector<double> isovalues_of(std::span<const std::unique_ptr<Extraction>> extractions) {
     std::vector<double> isovalues;
     for (const auto& e : extractions) {
@@ -85,11 +98,11 @@ void run_together(std::span<const std::unique_ptr<Extraction>> extractions,
         e->prepare({store.path()});
     }
     const ExtractQuery& asked = extractions.front()->asked();
-    const TraversalBudget budget =
-        parts_budget(store, asked, extractions.front()->memory(), extractions.size());
+    PartsTraversal traversal(store, asked, extractions.front()->memory(), extractions.size());
+    const TraversalBudget& budget = traversal.budget();
     // While the stages process one mesh with all of the memory, the other parts wait.
     const bool has_room = extractions.size() == 1 || !asked.stages.any();
-    RankTeam* const team = is_shared(asked) ? all_ranks : nullptr;
+    RankTeam* const team = asked.is_shared() ? all_ranks : nullptr;
     if (team != nullptr) {
         begin_shared_traversal(*team, store, asked, isovalues_of(extractions));
     }
@@ -99,8 +112,7 @@ void run_together(std::span<const std::unique_ptr<Extraction>> extractions,
         for (const auto& e : extractions) {
             places.push_back(e->begin_parts(has_room ? budget.parts / extractions.size() : 0));
         }
-        found = find_parts(store, asked, budget, places, extractions.front()->scratch(), progress,
-                           team);
+        found = traversal.find(places, extractions.front()->scratch(), progress, team);
     });
     for (std::size_t i = 0; i < extractions.size(); ++i) {
         if (found[i].stay) {
@@ -110,71 +122,32 @@ void run_together(std::span<const std::unique_ptr<Extraction>> extractions,
     }
 }
 
-/// From a kept analysis, if requested and fine enough; otherwise from the store.
-ExtractReport extracted(const StoreReader& store, ExtractQuery asked, MeshSink& sink,
-                        const ExtractOptions& options, Progress& progress) {
-    const bool is_analysed = asked.analysis_folder && asked.stages.simplifies();
-    if (is_analysed) {
-        if (std::optional<ExtractReport> report =
-                extract_analysed(store, asked, sink, options, progress)) {
-            return *report;
-        }
-    }
+}  // namespace
+
+ExtractReport extract_in_own_axes(const StoreReader& store, ExtractQuery asked, MeshSink& sink,
+                                  const ExtractOptions& options, Progress& progress) {
     ExtractReport report;
     const auto one = std::make_unique<Extraction>(store, std::move(asked), sink, options, progress);
     run_together({&one, 1}, store, options.team, progress,
                  [&](std::size_t, const ExtractReport& r) { report = r; });
-    if (is_analysed) {
-        report.analysis.emplace();
-    }
     return report;
 }
 
-}  // namespace
-
 ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshSink& sink,
                              const ExtractOptions& options, Progress& progress) {
-    if (asked.corners() != 3) {
-        return extracted(store, std::move(asked), sink, options, progress);
+    WorldOutput mesh(sink, asked, options.quality);
+    std::optional<ExtractReport> report;
+    const bool is_analysed = asked.analysis_folder && asked.stages.simplifies();
+    if (is_analysed) {
+        report = extract_analysed(store, asked, mesh.sink(), options, progress);
     }
-    MeasuringSink measuring(sink, options.quality);
-    return measured(extracted(store, std::move(asked), measuring, options, progress), measuring);
-}
-
-void run_extractions(const StoreReader& store, const ExtractQuery& asked,
-                     std::span<const double> isovalues,
-                     const std::function<std::unique_ptr<MeshSink>(std::size_t)>& sink,
-                     const std::function<void(std::size_t, const ExtractReport&)>& done,
-                     const ExtractOptions& options, Progress& progress) {
-    const std::uint64_t most =
-        isovalues_at_once(store, asked.traversal, asked.values,
-                          memory_of(options, store.path().string()), isovalues.size());
-    for (std::size_t first = 0; first < isovalues.size(); first += most) {
-        const auto some =
-            isovalues.subspan(first, std::min<std::size_t>(most, isovalues.size() - first));
-        std::vector<std::unique_ptr<MeshSink>> sinks;
-        std::vector<std::unique_ptr<MeasuringSink>> measuring(some.size());
-        std::vector<std::unique_ptr<Extraction>> extractions;
-        for (std::size_t i = 0; i < some.size(); ++i) {
-            ExtractQuery own = asked;
-            own.traversal.iso = some[i];
-            sinks.push_back(sink(first + i));
-            if (asked.corners() == 3) {
-                measuring[i] = std::make_unique<MeasuringSink>(*sinks[i], options.quality);
-            }
-            extractions.push_back(std::make_unique<Extraction>(
-                store, std::move(own), measuring[i] ? *measuring[i] : *sinks[i], options,
-                progress));
+    if (!report) {
+        report = extract_in_own_axes(store, std::move(asked), mesh.sink(), options, progress);
+        if (is_analysed) {
+            report->analysis.emplace();
         }
-        run_together(extractions, store, options.team, progress,
-                     [&](std::size_t i, const ExtractReport& report) {
-                         const MeasuringSink* const measures = measuring[i].get();
-                         const ExtractReport whole =
-                             measures != nullptr ? measured(report, *measures) : report;
-                         sinks[i].reset();
-                         done(first + i, whole);
-                     });
     }
+    return mesh.report(std::move(*report));
 }
 
 }  // namespace isonest::detail
@@ -182,73 +155,149 @@ void run_extractions(const StoreReader& store, const ExtractQuery& asked,
 namespace isonest {
 namespace {
 
-template <class Query>
-ExtractReport run_along_axes(const Store& store, const Query& query, MeshSink& sink,
-                             const ExtractOptions& options, Progress& progress) {
-    return detail::run_extraction(
-        store.reader(), detail::extract_query(store.reader(), query, sink.holds_float64()), sink,
-        options, progress);
-}
-
-template <class Query>
-ExtractReport run(const Store& store, const Query& query, MeshSink& sink,
-                  const ExtractOptions& options, Progress& progress) {
-    const detail::StoreHeader& header = store.reader().layout().header();
-    if (header.direction == kAlongWorld) {
-        return run_along_axes(store, query, sink, options, progress);
+void require_isovalues(const std::string& name, std::span<const double> isovalues) {
+    if (isovalues.empty()) {
+        throw Error(ErrorKind::invalid_argument, {name}, "no isovalues are given");
     }
-    const Query own = detail::in_own_axes(query, header, store.reader().path().string());
-    const Directions rotation = header.rotation();
-    if (rotation == kAlongWorld) {
-        return run_along_axes(store, own, sink, options, progress);
+    if (isovalues.size() > kMaxIsovalues) {
+        throw Error(
+            ErrorKind::limit, {name},
+            fmt::format("{} isovalues; give at most {} per run", isovalues.size(), kMaxIsovalues));
     }
-    detail::RotatedSink turning(sink, header.origin, rotation);
-    const ExtractReport report = run_along_axes(store, own, turning, options, progress);
-    return detail::turned(report, turning, header.steps());
-}
-ExtractReport run(const Store& store, const SurfaceQuery& query, MeshSink& sink,
-                  const ExtractOptions& options, Progress& progress) {
-    // The search runs its own extractions, each of which rotates the query and its mesh.
-    if (std::holds_alternative<TriangleBudgetByError>(query.stop)) {
-        return detail::extract_within_triangle_budget(store, query, sink, options, progress);
+    std::vector<double> sorted(isovalues.begin(), isovalues.end());
+    std::sort(sorted.begin(), sorted.end());
+    if (const auto twice = std::adjacent_find(sorted.begin(), sorted.end());
+        twice != sorted.end()) {
+        throw Error(ErrorKind::invalid_argument, {name},
+                    fmt::format("the isovalue {} is given twice", *twice));
     }
-    return run<SurfaceQuery>(store, query, sink, options, progress);
 }
 
 }  // namespace
 
+using detail::extract_query;
+using detail::run_extraction;
+
 ExtractReport extract(const Store& store, const SurfaceQuery& query, MeshSink& sink,
                       const ExtractOptions& options, Progress& progress) {
-    if (!query.volume_interval) {
-        return run(store, query, sink, options, progress);
-    }
     const detail::StoreReader& reader = store.reader();
-    detail::require_combination(detail::features_of(reader, query), reader.path().string());
-    SurfaceQuery alone = query;  // a search for an error extracts it several times
-    alone.volume_interval = false;
-    ExtractReport report = run(store, alone, sink, options, progress);
-    report.volume_interval =
-        detail::volume_interval(store, alone, report.tolerance, options, progress);
-    return report;
+    if (query.volume_interval) {
+        detail::require_combination(detail::features_of(reader, query), reader.path().string());
+        SurfaceQuery alone = query;  // a search for an error extracts it several times
+        alone.volume_interval = false;
+        ExtractReport report = extract(store, alone, sink, options, progress);
+        report.volume_interval =
+            detail::volume_interval(store, alone, report.tolerance, options, progress);
+        return report;
+    }
+    // The search runs its own extractions, each of which rotates the query and its mesh.
+    if (std::holds_alternative<TriangleBudgetByError>(query.stop)) {
+        return detail::extract_within_triangle_budget(store, query, sink, options, progress);
+    }
+    return run_extraction(reader, extract_query(reader, query, sink.holds_float64()), sink, options,
+                          progress);
 }
 ExtractReport extract(const Store& store, const LabelQuery& query, MeshSink& sink,
                       const ExtractOptions& options, Progress& progress) {
-    if (query.smooth) {
-        return detail::smooth_label(store.reader(), query, sink, options, progress);
+    const detail::StoreReader& reader = store.reader();
+    if (!query.smooth) {
+        return run_extraction(reader, extract_query(reader, query, sink.holds_float64()), sink,
+                              options, progress);
     }
-    return run(store, query, sink, options, progress);
+    const detail::SmoothChoice choice = detail::smooth_choice(reader, query);
+    const std::int64_t id = query.label.id;
+    detail::require_label(reader, id);
+    std::optional<Label> label;
+    if (const auto& within = query.label.within) {
+        label = Label{id, 0, within->first, within->second};
+    } else {
+        const detail::StoreLayout& layout = reader.layout();
+        label = detail::find_label(
+            reader, id, detail::value_of_label(layout.header(), id),
+            detail::threads_to_look(layout, detail::memory_of(options, reader.path().string())),
+            progress);
+    }
+    // For a label that does not exist, the net has no cells, and the mesh is empty.
+    const Label none{id, 0, {}, {}};
+    const auto start = std::chrono::steady_clock::now();
+    const detail::LabelNet net(reader, std::span(label ? &*label : &none, 1), choice, options, {},
+                               progress);
+    ExtractReport report;
+    detail::each_label(detail::kWriteLabels, net.threads(), 1, progress, [&](std::size_t i) {
+        report = detail::timed(net.write_label(i, sink, progress), start);
+    });
+    return report;
 }
 ExtractReport extract(const Store& store, const SliceQuery& query, MeshSink& sink,
                       const ExtractOptions& options, Progress& progress) {
-    return run(store, query, sink, options, progress);
+    const detail::StoreReader& reader = store.reader();
+    return run_extraction(reader, extract_query(reader, query, sink.holds_float64()), sink, options,
+                          progress);
 }
 ExtractReport extract(const Store& store, const ContourQuery& query, MeshSink& sink,
                       const ExtractOptions& options, Progress& progress) {
-    return run(store, query, sink, options, progress);
+    const detail::StoreReader& reader = store.reader();
+    return run_extraction(reader, extract_query(reader, query, sink.holds_float64()), sink, options,
+                          progress);
 }
 ExtractReport extract(const Store& store, const GraphQuery& query, MeshSink& sink,
                       const ExtractOptions& options, Progress& progress) {
-    return run(store, query, sink, options, progress);
+    const detail::StoreReader& reader = store.reader();
+    return run_extraction(reader, extract_query(reader, query, sink.holds_float64()), sink, options,
+                          progress);
+}
+
+void extract_isovalues(const Store& store, std::span<const double> isovalues,
+                       const SurfaceQuery& query,
+                       const std::function<std::unique_ptr<MeshSink>(std::size_t number)>& sink,
+                       const std::function<void(std::size_t number, const ExtractReport&)>& done,
+                       const ExtractOptions& options, Progress& progress) {
+    const detail::StoreReader& reader = store.reader();
+    require_isovalues(reader.path().string(), isovalues);
+    SurfaceQuery own = query;
+    // One traversal gives all of them, unless each needs a search for an error, a kept analysis or
+    // an interval of the volume, or its mesh is rotated.
+    if (std::holds_alternative<TriangleBudgetByError>(query.stop) || query.analysis ||
+        query.volume_interval || reader.layout().header().direction != kAlongWorld) {
+        for (std::size_t i = 0; i < isovalues.size(); ++i) {
+            own.iso = isovalues[i];
+            const std::unique_ptr<MeshSink> to = sink(i);
+            done(i, extract(store, own, *to, options, progress));
+        }
+        return;
+    }
+    std::unique_ptr<MeshSink> first_sink = sink(0);
+    detail::ExtractQuery asked;
+    for (const double iso : isovalues) {
+        own.iso = iso;
+        asked = detail::extract_query(reader, own, first_sink->holds_float64());
+    }
+    const std::uint64_t most =
+        asked.heap(reader.layout())
+            .isovalues_at_once(detail::memory_of(options, reader.path().string()),
+                               isovalues.size());
+    for (std::size_t first = 0; first < isovalues.size(); first += most) {
+        const auto some =
+            isovalues.subspan(first, std::min<std::size_t>(most, isovalues.size() - first));
+        std::vector<std::unique_ptr<MeshSink>> sinks;
+        std::vector<std::unique_ptr<detail::WorldOutput>> meshes;
+        std::vector<std::unique_ptr<detail::Extraction>> extractions;
+        for (std::size_t i = 0; i < some.size(); ++i) {
+            detail::ExtractQuery one = asked;
+            one.traversal.iso = some[i];
+            sinks.push_back(first + i == 0 ? std::move(first_sink) : sink(first + i));
+            meshes.push_back(
+                std::make_unique<detail::WorldOutput>(*sinks[i], one, options.quality));
+            extractions.push_back(std::make_unique<detail::Extraction>(
+                reader, std::move(one), meshes[i]->sink(), options, progress));
+        }
+        detail::run_together(extractions, reader, options.team, progress,
+                             [&](std::size_t i, const ExtractReport& report) {
+                                 const ExtractReport whole = meshes[i]->report(report);
+                                 sinks[i].reset();
+                                 done(first + i, whole);
+                             });
+    }
 }
 
 }  // namespace isonest

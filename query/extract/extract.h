@@ -37,18 +37,12 @@ std::vector<ArrayReport> describe_arrays(const StoreReader& store);
 /// Size of the ranges of all cubes, bytes.
 std::uint64_t cube_range_bytes(const StoreReader& store);
 
+/// Like run_extraction(), but the mesh is neither rotated nor measured, and no analysis is used.
+ExtractReport extract_in_own_axes(const StoreReader& store, ExtractQuery asked, MeshSink& sink,
+                                  const ExtractOptions& options, Progress& progress);
+
 /// Like the public extract(). REQUIRES: `asked` was made for this store and this sink.
 ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshSink& sink,
                              const ExtractOptions& options, Progress& progress);
-
-/// Extracts several isovalues of one query, with as few traversals as the memory allows. `sink(i)`
-/// creates the sink of isovalue number i; `done(i, report)` is called when its mesh is finished, in
-/// order. REQUIRES: `asked` is a surface or isolines of values, was made for sinks like these, and
-/// has no analysis. Throws as run_extraction(), and what the functions throw.
-void run_extractions(const StoreReader& store, const ExtractQuery& asked,
-                     std::span<const double> isovalues,
-                     const std::function<std::unique_ptr<MeshSink>(std::size_t)>& sink,
-                     const std::function<void(std::size_t, const ExtractReport&)>& done,
-                     const ExtractOptions& options, Progress& progress);
 
 }  // namespace isonest::detail

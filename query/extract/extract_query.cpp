@@ -22,74 +22,11 @@
 #include "store/container/format.h"
 
 namespace isonest::detail {
-namespace {
-
-Focus turned(const Focus& focus, const StoreHeader& header) {
-    Focus out = focus;
-    std::tie(out.lo, out.hi) = bounds_of_box(focus.lo, focus.hi, [&](const Double3& p) {
-        return unrotated_about(header.origin, header.rotation(), p);
-    });
-    return out;
-}
-
-void require_no_box(const std::optional<WorldBox>& box, const std::string& name) {
-    if (box) {
-        throw Error(ErrorKind::unsupported, {name},
-                    "a box needs a volume whose axes are along the world's; crop the volume when "
-                    "it is preprocessed",
-                    {{RemedyKind::leave_out, "box"}});
-    }
-}
-
-/// Common part of surfaces of values, slices and contours.
-template <class Query>
-Query with_places(Query query, const StoreHeader& header, const std::string& name) {
-    require_no_box(query.box, name);
-    if (query.focus) {
-        query.focus = turned(*query.focus, header);
-    }
-    if (query.camera) {
-        query.camera->position =
-            unrotated_about(header.origin, header.rotation(), query.camera->position);
-    }
-    return query;
-}
-
-}  // namespace
-
 WorldPlane in_own_axes(const WorldPlane& plane, const StoreHeader& header) {
     WorldPlane own;
     own.normal = unrotated(header.rotation(), plane.normal);
     own.offset = plane.offset - dot(plane.normal, header.origin) + dot(own.normal, header.origin);
     return own;
-}
-
-SurfaceQuery in_own_axes(SurfaceQuery query, const StoreHeader& header, const std::string& name) {
-    query = with_places(std::move(query), header, name);
-    if (auto& culling = query.grid.culling) {
-        culling->direction = unrotated(header.rotation(), culling->direction);
-    }
-    return query;
-}
-LabelQuery in_own_axes(LabelQuery query, const StoreHeader& /*header*/, const std::string& name) {
-    require_no_box(query.box, name);
-    return query;
-}
-SliceQuery in_own_axes(SliceQuery query, const StoreHeader& header, const std::string& name) {
-    query = with_places(query, header, name);
-    query.plane = in_own_axes(query.plane, header);
-    return query;
-}
-ContourQuery in_own_axes(ContourQuery query, const StoreHeader& header, const std::string& name) {
-    query = with_places(std::move(query), header, name);
-    query.plane = in_own_axes(query.plane, header);
-    return query;
-}
-GraphQuery in_own_axes(const GraphQuery& /*query*/, const StoreHeader& /*header*/,
-                       const std::string& name) {
-    throw Error(ErrorKind::unsupported, {name},
-                "a graph needs axes along the world's; preprocess the data without directions",
-                {{RemedyKind::place_in_world, "spacing"}});
 }
 
 namespace {
@@ -116,8 +53,8 @@ Field bound_of(const StoreReader& store, const std::optional<Field>& asked) {
     return *asked;
 }
 
-Culling culling_of(const StoreReader& store, const BackfaceCulling& asked) {
-    const Double3& v = asked.direction;
+/// `v`: the direction, in the volume's own axes.
+Culling culling_of(const StoreReader& store, const BackfaceCulling& asked, const Double3& v) {
     if (!(hypot3(v[0], v[1], v[2]) > 0) || !std::isfinite(v[0] + v[1] + v[2])) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("view {},{},{}: give a direction, not zero", v[0], v[1], v[2]));
@@ -158,156 +95,187 @@ ClipBox clip_box(const StoreHeader& header, const std::optional<WorldBox>& box) 
     return clip;
 }
 
-/// A slice across an axis within the box must not be clipped along that axis: a slice in the box's
-/// own face would be lost. Data in a plane have no extent along their flat axis.
-void keep_on_border(const StoreReader& store, TraversalQuery& query) {
-    const Lattice& lattice = store.layout().lattice();
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        bool keep = lattice.dimension() == 2 && lattice.nodes()[static_cast<int>(axis)] == 1;
-        if (query.plane) {
-            const Double3& n = query.plane->normal;
-            const double at = query.plane->offset / n[axis];
-            keep = keep || (n[(axis + 1) % 3] == 0 && n[(axis + 2) % 3] == 0 &&
-                            at >= query.box.lo[axis] && at <= query.box.hi[axis]);
-        }
-        if (keep) {
-            query.box.lo[axis] = -kInfinity;
-            query.box.hi[axis] = kInfinity;
-        }
-    }
+/// The stop of a query with these cells.
+template <class StopTest>
+Stop stop_for(const StoreReader& store, const StopTest& test, Cells cells, CellField cell_field) {
+    return cells == Cells::hexahedra ? stop_of_cells(store, test, cell_field)
+                                     : stop_of(store, test);
 }
 
-/// Common part of all queries.
-ExtractQuery begun(const StoreReader& store, Product product, const Stop& stop, Cells cells,
-                   const std::optional<WorldBox>& box) {
-    const StoreHeader& header = store.layout().header();
+/// A query that is being made, in the axes of its volume.
+class Asking {
+  public:
+    /// `name`: of the store or volume. Throws Error{unsupported} for a box if the axes are not
+    /// those of the world.
+    Asking(const StoreHeader& header, const std::string& name, const std::optional<WorldBox>& box)
+        : header_(header), box_(box), is_along_world_(header.direction == kAlongWorld) {
+        if (box && !is_along_world_) {
+            throw Error(ErrorKind::unsupported, {name},
+                        "a box needs a volume whose axes are along the world's; crop the volume "
+                        "when it is preprocessed",
+                        {{RemedyKind::leave_out, "box"}});
+        }
+    }
+    Asking(const StoreReader& store, const std::optional<WorldBox>& box)
+        : Asking(store.layout().header(), store.path().string(), box) {}
+
     ExtractQuery asked;
-    asked.product = product;
-    asked.steps = header.steps();
-    asked.origin = header.origin;
-    asked.threshold = stop.threshold;
-    asked.tolerance = stop.asked;
-    asked.traversal.cells = cells;
-    asked.traversal.stop = stop.field;
-    // If nothing is searched, the bound is not used.
-    asked.traversal.bound = store.layout().tightest_bound().value_or(stop.field);
-    asked.traversal.tolerance = Tolerance(stop.threshold, {}, {}, asked.steps, header.origin);
-    asked.traversal.box = clip_box(header, box);
-    return asked;
-}
 
-/// The same for queries with a varying tolerance.
-template <class Query>
-ExtractQuery begun(const StoreReader& store, Product product, const Query& query, Cells cells,
-                   CellField cell_field) {
-    const Stop stop = cells == Cells::hexahedra ? stop_of_cells(store, query.stop, cell_field)
-                                                : stop_of(store, query.stop);
-    ExtractQuery asked = begun(store, product, stop, cells, query.box);
-    asked.traversal.tolerance =
-        Tolerance(stop.threshold, query.focus, query.camera, asked.steps, asked.origin);
-    return asked;
-}
-
-/// Chooses the attributes of vertices. `needs_value`: also if no other store gives values.
-void choose_attributes(const StoreReader& store, const MeshAttributes& chosen, bool needs_value,
-                       bool float64, ExtractQuery& asked) {
-    AttributeChoice& attributes = asked.traversal.attributes;
-    attributes.normal = chosen.normals;
-    attributes.error = chosen.error;
-    if (chosen.error) {
-        require_numbers(store, "the error at the vertices");
-        require_field(store, *chosen.error, "the error at the vertices");
+    /// Common part of all queries, with the same tolerance everywhere.
+    void begin(Product product, const Stop& stop, Cells cells) {
+        asked.product = product;
+        asked.steps = header_.steps();
+        asked.origin = header_.origin;
+        asked.threshold = stop.threshold;
+        asked.tolerance = stop.asked;
+        asked.traversal.cells = cells;
+        asked.traversal.stop = stop.field;
+        asked.traversal.box = clip_box(header_, box_);
+        stop_below(stop.threshold);
     }
-    asked.values = chosen.values != nullptr ? &chosen.values->reader() : nullptr;
-    const StoreReader& values = asked.values != nullptr ? *asked.values : store;
-    if (asked.values != nullptr) {
-        require_numbers(values, "values at the vertices");
+    void begin(const StoreReader& store, Product product, const Stop& stop, Cells cells) {
+        begin(product, stop, cells);
+        // If nothing is searched, the bound is not used.
+        asked.traversal.bound = store.layout().tightest_bound().value_or(stop.field);
     }
-    attributes.value = needs_value || asked.values != nullptr;
-    attributes.wide_value = attributes.value && float64 && !held_by_float32(values);
-    const Int3 a = store.layout().header().nodes;
-    const Int3 b = values.layout().header().nodes;
-    if (a != b) {
-        throw Error(ErrorKind::invalid_argument, {values.path().string()},
-                    fmt::format("has {} x {} x {} nodes, {} has {} x {} x {}; vertex values need "
-                                "the same lattice",
-                                b.x, b.y, b.z, store.path().string(), a.x, a.y, a.z));
+    /// Also with a tolerance that varies.
+    void stop_below(double threshold, std::optional<Focus> focus = {},
+                    std::optional<Camera> camera = {}) {
+        if (focus && !is_along_world_) {
+            std::tie(focus->lo, focus->hi) =
+                bounds_of_box(focus->lo, focus->hi, [&](const Double3& p) { return own_place(p); });
+        }
+        if (camera && !is_along_world_) {
+            camera->position = own_place(camera->position);
+        }
+        asked.traversal.tolerance =
+            Tolerance(threshold, focus, camera, header_.steps(), header_.origin);
     }
-}
-
-/// The distances of a surface's stop test: for its simplification and for the traversal.
-struct DistanceOfStop {
-    const StoreHeader& header;
-    Effort effort;
-    ExtractQuery& asked;
-
-    void operator()(const DistanceBound& stop) const {
-        const double distance = world_distance(header, stop);
-        if (effort != Effort::none) {
-            asked.stages.distance = distance_choice(header, stop, effort);
-        } else if (distance > 0) {
-            asked.nested_distance = distance;
+    void cull(const StoreReader& store, const BackfaceCulling& culling) {
+        asked.traversal.culling = culling_of(
+            store, culling,
+            is_along_world_ ? culling.direction : unrotated(header_.rotation(), culling.direction));
+    }
+    void cut(const WorldPlane& plane) {
+        asked.traversal.plane =
+            lattice_plane(header_, is_along_world_ ? plane : in_own_axes(plane, header_));
+    }
+    /// Chooses the attributes of vertices. `needs_value`: also if no other store gives values.
+    void choose_attributes(const StoreReader& store, const MeshAttributes& chosen, bool needs_value,
+                           bool float64) {
+        AttributeChoice& attributes = asked.traversal.attributes;
+        attributes.normal = chosen.normals;
+        attributes.error = chosen.error;
+        if (chosen.error) {
+            require_numbers(store, "the error at the vertices");
+            require_field(store, *chosen.error, "the error at the vertices");
+        }
+        asked.values = chosen.values != nullptr ? &chosen.values->reader() : nullptr;
+        const StoreReader& values = asked.values_in(store);
+        if (asked.values != nullptr) {
+            require_numbers(values, "values at the vertices");
+        }
+        attributes.value = needs_value || asked.values != nullptr;
+        attributes.wide_value = attributes.value && float64 && !held_by_float32(values);
+        const Int3 a = header_.nodes;
+        const Int3 b = values.layout().header().nodes;
+        if (a != b) {
+            throw Error(ErrorKind::invalid_argument, {values.path().string()},
+                        fmt::format("has {} x {} x {} nodes, {} has {} x {} x {}; vertex values "
+                                    "need the same lattice",
+                                    b.x, b.y, b.z, store.path().string(), a.x, a.y, a.z));
+        }
+    }
+    /// Chooses the distance of a surface's stop test: for its simplification or for the traversal.
+    void choose_distance(const SurfaceStop& stop, Effort effort) {
+        const auto* const bound = std::get_if<DistanceBound>(&stop);
+        const auto* const budget = std::get_if<TriangleBudgetByDistance>(&stop);
+        if (budget != nullptr) {
+            asked.stages.distance = distance_choice(header_, *budget, effort);
+        } else if (bound != nullptr && effort != Effort::none) {
+            asked.stages.distance = distance_choice(header_, *bound, effort);
+        } else if (bound != nullptr && world_distance(header_, *bound) > 0) {
+            asked.nested_distance = world_distance(header_, *bound);
             asked.traversal.vertices = VertexPlace::exact;
         }
     }
-    void operator()(const TriangleBudgetByDistance& stop) const {
-        asked.stages.distance = distance_choice(header, stop, effort);
-    }
-    template <class Other>
-    void operator()(const Other& /*stop*/) const {}
-};
-
-void choose_stages(const SurfaceStages& stages, ExtractQuery& asked) {
-    asked.traversal.box.close = stages.close;
-    if (stages.components) {
-        require_components(*stages.components);
-        asked.stages.components = stages.components;
-    }
-}
-
-/// Sets the isovalue between the label and the others, and the part of the volume that contains it.
-void choose_label(const StoreReader& store, const LabelChoice& label, ExtractQuery& asked) {
-    const StoreHeader& header = store.layout().header();
-    require_label(store, label.id);
-    constexpr double kHalf = 0.5;
-    asked.traversal.iso = kHalf;
-    asked.label = label;
-    const Int3 last = header.nodes - Int3{1, 1, 1};
-    if (!label.within) {
-        asked.label->within = {Int3{}, last};
-        return;
-    }
-    const auto& [low, high] = *asked.label->within;
-    asked.asked_box = asked.traversal.box;
-    for (int axis = 0; axis < 3; ++axis) {
-        const auto a = static_cast<std::size_t>(axis);
-        ClipBox& box = asked.traversal.box;
-        const bool reached = box.lo[a] < static_cast<double>(high[axis] + 1) &&
-                             box.hi[a] > static_cast<double>(low[axis] - 1);
-        if (reached) {
-            box.lo[a] = std::max(box.lo[a], static_cast<double>(low[axis] - 1));
-            box.hi[a] = std::min(box.hi[a], static_cast<double>(high[axis] + 1));
+    void choose_stages(const SurfaceStages& stages) {
+        asked.traversal.box.close = stages.close;
+        if (stages.components) {
+            require_components(*stages.components);
+            asked.stages.components = stages.components;
         }
     }
-}
-
-/// Sets how vertices are rounded and separated.
-void choose_apart(const StoreHeader& header, ExtractQuery& asked) {
-    asked.coordinate_rounding = coordinate_rounding(header.nodes, asked.steps, asked.origin);
-    if (const Directions rotation = header.rotation(); rotation != kAlongWorld) {
-        asked.rotation = Rotation{header.origin, rotation};
-        asked.min_apart =
-            std::max(kMinApart, asked.rotation->min_step(header.nodes, header.steps()));
+    /// Sets the isovalue between the label and the others, and the part of the volume that contains
+    /// it.
+    void choose_label(const LabelChoice& label) {
+        constexpr double kHalf = 0.5;
+        asked.traversal.iso = kHalf;
+        asked.label = label;
+        if (!label.within) {
+            asked.label->within = {Int3{}, header_.nodes - Int3{1, 1, 1}};
+            return;
+        }
+        const auto& [low, high] = *asked.label->within;
+        ClipBox& box = asked.traversal.box;
+        asked.asked_box = box;
+        for (int axis = 0; axis < 3; ++axis) {
+            const auto a = static_cast<std::size_t>(axis);
+            const bool reached = box.lo[a] < static_cast<double>(high[axis] + 1) &&
+                                 box.hi[a] > static_cast<double>(low[axis] - 1);
+            if (reached) {
+                box.lo[a] = std::max(box.lo[a], static_cast<double>(low[axis] - 1));
+                box.hi[a] = std::min(box.hi[a], static_cast<double>(high[axis] + 1));
+            }
+        }
     }
-    asked.moves_apart = is_short_step(step_apart(asked.coordinate_rounding, asked.min_apart));
-}
+    ExtractQuery finish(const StoreReader& store) {
+        keep_on_border(store.layout().lattice());
+        require_float32_places(store, asked.steps, asked.origin, asked.product == Product::graph);
+        if (asked.traversal.attributes.value && !asked.traversal.attributes.wide_value) {
+            require_float32_values(asked.values_in(store));
+        }
+        return finish();
+    }
+    /// Sets how vertices are rounded and separated.
+    ExtractQuery finish() {
+        asked.coordinate_rounding = coordinate_rounding(header_.nodes, asked.steps, asked.origin);
+        if (const Directions rotation = header_.rotation(); rotation != kAlongWorld) {
+            asked.rotation = Rotation{header_.origin, rotation};
+            asked.min_apart =
+                std::max(kMinApart, asked.rotation->min_step(header_.nodes, header_.steps()));
+        }
+        asked.moves_apart = is_short_step(step_apart(asked.coordinate_rounding, asked.min_apart));
+        return std::move(asked);
+    }
 
-ExtractQuery finished(const StoreReader& store, ExtractQuery asked) {
-    keep_on_border(store, asked.traversal);
-    require_float32(store, asked);
-    choose_apart(store.layout().header(), asked);
-    return asked;
-}
+  private:
+    [[nodiscard]] Double3 own_place(const Double3& p) const {
+        return unrotated_about(header_.origin, header_.rotation(), p);
+    }
+    /// A slice across an axis within the box must not be clipped along that axis: a slice in the
+    /// box's own face would be lost. Data in a plane have no extent along their flat axis.
+    void keep_on_border(const Lattice& lattice) {
+        TraversalQuery& query = asked.traversal;
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            bool keep = lattice.dimension() == 2 && lattice.nodes()[static_cast<int>(axis)] == 1;
+            if (query.plane) {
+                const Double3& n = query.plane->normal;
+                const double at = query.plane->offset / n[axis];
+                keep = keep || (n[(axis + 1) % 3] == 0 && n[(axis + 2) % 3] == 0 &&
+                                at >= query.box.lo[axis] && at <= query.box.hi[axis]);
+            }
+            if (keep) {
+                query.box.lo[axis] = -kInfinity;
+                query.box.hi[axis] = kInfinity;
+            }
+        }
+    }
+
+    const StoreHeader& header_;
+    const std::optional<WorldBox>& box_;
+    bool is_along_world_;
+};
 
 }  // namespace
 
@@ -322,10 +290,24 @@ PatchBox MeshPlace::faces_of(const ClipBox& of) const {
     return box_faces(of.lo, of.hi, lattice.steps, lattice.origin, kMore * max_moved());
 }
 
-MeshPlace mesh_place(const ExtractQuery& query, const Int3& nodes) {
-    return {{query.origin, query.steps, nodes},
-            query.asked_box.value_or(query.traversal.box),
-            query.coordinate_rounding};
+void ExtractQuery::watch(PartStore& parts) const {
+    if (keeps_apart()) {
+        parts.watch({sight_apart(coordinate_rounding, min_apart), traversal.box});
+    }
+    if (traversal.attributes.normal) {
+        parts.count_normals();
+    }
+}
+
+ApartRange ExtractQuery::apart_range() const {
+    ApartRange range;
+    range.moves = moves_apart;
+    range.rotation = rotation;
+    const Double3 least = steps.min_along();
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        range.min_step[axis] = std::fabs(least[axis]) * min_apart;
+    }
+    return range;
 }
 
 MemoryShare memory_of(const ExtractOptions& options, const std::string& name) {
@@ -364,6 +346,8 @@ double distance_left(const std::string& name, double distance, double moved) {
 }
 
 ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, bool float64) {
+    Asking asking(store, query.box);
+    ExtractQuery& asked = asking.asked;
     const Features features = features_of(store, query);
     require_combination(features, store.path().string());
     const Cells cells = cells_of(features);
@@ -381,21 +365,23 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     require_simplifiable(query.effort, !is_full_resolution(query.stop));
     const Effort effort = effort_of(features);
     // Hexahedra are simplified from the surface at full resolution.
-    ExtractQuery asked =
-        begun(store, flat ? Product::isolines : Product::surface, query, cells,
-              effort == Effort::none ? CellField::needed_by_errors : CellField::not_needed);
+    const Stop stop =
+        stop_for(store, query.stop, cells,
+                 effort == Effort::none ? CellField::needed_by_errors : CellField::not_needed);
+    asking.begin(store, flat ? Product::isolines : Product::surface, stop, cells);
+    asking.stop_below(stop.threshold, query.focus, query.camera);
     asked.traversal.iso = query.iso;
     asked.traversal.vertices = grid.vertices;
     if (cells == Cells::tetrahedra) {
         asked.traversal.bound = bound_of(store, grid.bound);
     }
     if (grid.culling) {
-        asked.traversal.culling = culling_of(store, *grid.culling);
+        asking.cull(store, *grid.culling);
     }
-    std::visit(DistanceOfStop{store.layout().header(), effort, asked}, query.stop);
+    asking.choose_distance(query.stop, effort);
     if (std::holds_alternative<ErrorBound>(query.stop) && effort != Effort::none) {
-        if (asked.threshold > 0) {
-            asked.stages.error = asked.threshold;
+        if (stop.threshold > 0) {
+            asked.stages.error = stop.threshold;
             asked.stages.error_effort = effort;
         }
         // Hexahedra are simplified from full resolution. So are surfaces of volumes with uneven
@@ -403,22 +389,24 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
         const double share = cells == Cells::hexahedra || asked.steps.uneven != nullptr
                                  ? 0
                                  : nested_share(grid.vertices);
-        asked.traversal.tolerance =
-            Tolerance(share * asked.threshold, {}, {}, asked.steps, asked.origin);
+        asking.stop_below(share * stop.threshold);
     }
     if (query.analysis) {
         asked.analysis_folder =
             query.analysis->folder.empty() ? analysis_folder_of(store) : query.analysis->folder;
     }
-    choose_stages(query.stages, asked);
-    choose_attributes(store, query.attributes, false, float64, asked);
-    return finished(store, std::move(asked));
+    asking.choose_stages(query.stages);
+    asking.choose_attributes(store, query.attributes, false, float64);
+    return asking.finish(store);
 }
 
 ExtractQuery extract_query(const VolumeDescription& volume, const SurfaceQuery& query) {
-    const Features features = features_of(volume, query);
+    const StoreHeader header = header_of(volume);
+    Asking asking(header, volume.name, query.box);
+    const Features features =
+        features_of(query, {Lattice(volume.nodes).dimension(), volume.uneven != nullptr});
     require_combination(features, volume.name);
-    if (needs_store(volume, query)) {
+    if (needs_store(volume, features, query.grid.bound.has_value())) {
         throw Error(ErrorKind::invalid_argument, {volume.name},
                     "errors, fields, several resolutions and vertex values need a store; directly "
                     "from a volume, a surface can be extracted at full resolution, or simplified "
@@ -428,23 +416,19 @@ ExtractQuery extract_query(const VolumeDescription& volume, const SurfaceQuery& 
     require_marchable(volume, query.iso);
     require_distance(query.stop);
     require_simplifiable(query.effort, !is_full_resolution(query.stop));
-    ExtractQuery asked;
-    asked.steps = header_of(volume).steps();
-    asked.origin = volume.origin;
-    asked.traversal.iso = query.iso;
-    asked.traversal.cells = cells_of(features);
-    asked.traversal.stop =
-        asked.traversal.cells == Cells::hexahedra ? Field::hex_deviation : Field::deviation_bar;
-    asked.traversal.tolerance = Tolerance(0, {}, {}, asked.steps, volume.origin);
-    asked.traversal.attributes.normal = query.attributes.normals;
-    asked.traversal.box = clip_box(header_of(volume), query.box);
-    std::visit(DistanceOfStop{header_of(volume), effort_of(features), asked}, query.stop);
-    choose_stages(query.stages, asked);
-    choose_apart(header_of(volume), asked);
-    return asked;
+    const Cells cells = cells_of(features);
+    asking.begin(Product::surface,
+                 {cells == Cells::hexahedra ? Field::hex_deviation : Field::deviation_bar, 0, 0},
+                 cells);
+    asking.asked.traversal.iso = query.iso;
+    asking.asked.traversal.attributes.normal = query.attributes.normals;
+    asking.choose_distance(query.stop, effort_of(features));
+    asking.choose_stages(query.stages);
+    return asking.finish();
 }
 
 ExtractQuery extract_query(const StoreReader& store, const LabelQuery& query, bool float64) {
+    Asking asking(store, query.box);
     const Features features = features_of(store, query);
     require_combination(features, store.path().string());
     require_simplifiable(query.effort, query.stop.has_value());
@@ -452,68 +436,82 @@ ExtractQuery extract_query(const StoreReader& store, const LabelQuery& query, bo
         query.stop ? std::visit([](const auto& s) { return SurfaceStop(s); }, *query.stop)
                    : SurfaceStop();
     const Cells cells = cells_of(features);
-    const bool has_cells = cells == Cells::hexahedra;
-    ExtractQuery asked =
-        begun(store, Product::surface,
-              has_cells ? stop_of_cells(store, stop, CellField::not_needed) : stop_of(store, stop),
-              cells, query.box);
-    if (!has_cells) {
-        asked.traversal.bound = bound_of(store, {});
+    asking.begin(store, Product::surface, stop_for(store, stop, cells, CellField::not_needed),
+                 cells);
+    if (cells == Cells::tetrahedra) {
+        asking.asked.traversal.bound = bound_of(store, {});
     }
-    std::visit(DistanceOfStop{store.layout().header(), effort_of(features), asked}, stop);
-    choose_label(store, query.label, asked);
-    choose_stages(query.stages, asked);
-    choose_attributes(store, query.attributes, false, float64, asked);
-    return finished(store, std::move(asked));
+    asking.choose_distance(stop, effort_of(features));
+    require_label(store, query.label.id);
+    asking.choose_label(query.label);
+    asking.choose_stages(query.stages);
+    asking.choose_attributes(store, query.attributes, false, float64);
+    return asking.finish(store);
 }
 
 ExtractQuery extract_query(const StoreReader& store, const SliceQuery& query, bool float64) {
+    Asking asking(store, query.box);
+    ExtractQuery& asked = asking.asked;
     require_numbers(store, "a slice");
     require_volume(store);
-    require_combination(features_of(query), store.path().string());
-    ExtractQuery asked = begun(store, Product::slice, query, query.cells, CellField::needed);
-    asked.traversal.plane = lattice_plane(store.layout().header(), query.plane);
-    choose_attributes(store, query.attributes, true, float64, asked);
+    require_combination(plane_features(query.focus || query.camera, query.cells),
+                        store.path().string());
+    const Stop stop = stop_for(store, query.stop, query.cells, CellField::needed);
+    asking.begin(store, Product::slice, stop, query.cells);
+    asking.stop_below(stop.threshold, query.focus, query.camera);
+    asking.cut(query.plane);
+    asking.choose_attributes(store, query.attributes, true, float64);
     // The orientation of triangles: towards the smaller distance from the plane.
     Double3& facing = asked.traversal.attributes.plane_normal.emplace();
     for (std::size_t axis = 0; axis < 3; ++axis) {
         facing[axis] = 0 - asked.traversal.plane->normal[axis] / asked.steps.along[axis];
     }
     facing = asked.steps.gradient(facing);
-    return finished(store, std::move(asked));
+    return asking.finish(store);
 }
 
 ExtractQuery extract_query(const StoreReader& store, const ContourQuery& query, bool /*float64*/) {
+    Asking asking(store, query.box);
     require_numbers(store, "contour lines");
     require_volume(store);
     require_contours(query.values);
-    ExtractQuery asked =
-        begun(store, Product::contours, query, Cells::tetrahedra, CellField::needed);
-    asked.traversal.plane = lattice_plane(store.layout().header(), query.plane);
-    asked.contours = query.values;
+    const Stop stop = stop_of(store, query.stop);
+    asking.begin(store, Product::contours, stop, Cells::tetrahedra);
+    asking.stop_below(stop.threshold, query.focus, query.camera);
+    asking.cut(query.plane);
+    asking.asked.contours = query.values;
     // Contours are found among the exact values, independent of the precision of the lines' sink.
-    asked.traversal.attributes.value = true;
-    asked.traversal.attributes.wide_value = !held_by_float32(store);
-    return finished(store, std::move(asked));
+    asking.asked.traversal.attributes.value = true;
+    asking.asked.traversal.attributes.wide_value = !held_by_float32(store);
+    return asking.finish(store);
 }
 
 ExtractQuery extract_query(const StoreReader& store, const GraphQuery& query, bool float64) {
+    if (store.layout().header().direction != kAlongWorld) {
+        throw Error(ErrorKind::unsupported, {store.path().string()},
+                    "a graph needs axes along the world's; preprocess the data without directions",
+                    {{RemedyKind::place_in_world, "spacing"}});
+    }
+    Asking asking(store, query.box);
+    ExtractQuery& asked = asking.asked;
     require_numbers(store, "a graph");
     require_plane(store);
-    require_combination(features_of(query), store.path().string());
+    require_combination(plane_features(query.focus || query.camera, query.cells),
+                        store.path().string());
     require_even_axes(store.layout().header().uneven, store.path().string(), "a graph");
     if (!std::isfinite(query.scale)) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("scale {}: must be a finite number", query.scale));
     }
-    ExtractQuery asked =
-        begun(store, Product::graph, query, query.cells, CellField::needed_by_errors);
+    const Stop stop = stop_for(store, query.stop, query.cells, CellField::needed_by_errors);
+    asking.begin(store, Product::graph, stop, query.cells);
+    asking.stop_below(stop.threshold, query.focus, query.camera);
     asked.steps.along[2] = query.scale;
     asked.origin[2] = 0;
     asked.graph_scale = query.scale;
     asked.traversal.attributes.graph_scale = query.scale;
-    choose_attributes(store, query.attributes, false, float64, asked);
-    return finished(store, std::move(asked));
+    asking.choose_attributes(store, query.attributes, false, float64);
+    return asking.finish(store);
 }
 
 }  // namespace isonest::detail

@@ -12,6 +12,7 @@
 #include <isonest/volume_source.h>
 
 #include "query/apart/keep_apart.h"
+#include "query/mesh/part_store.h"
 #include "query/simplify/block_grid.h"
 #include "query/simplify/patch.h"
 #include "query/traverse/traversal.h"
@@ -22,19 +23,7 @@
 
 namespace isonest::detail {
 
-// Converts queries from the world to the axes of a rotated volume.
-
-/// The volume's own axes are rotated about its origin relative to the world's: in these axes the
-/// volume is not rotated, and its mesh is rotated into the world by RotatedSink. A focus that is a
-/// box becomes the smallest axis-aligned box that contains it. Throws Error{unsupported} for what
-/// cannot be rotated: boxes, graphs. `name`: of the store.
-SurfaceQuery in_own_axes(SurfaceQuery query, const StoreHeader& header, const std::string& name);
-LabelQuery in_own_axes(LabelQuery query, const StoreHeader& header, const std::string& name);
-SliceQuery in_own_axes(SliceQuery query, const StoreHeader& header, const std::string& name);
-ContourQuery in_own_axes(ContourQuery query, const StoreHeader& header, const std::string& name);
-GraphQuery in_own_axes(const GraphQuery& query, const StoreHeader& header, const std::string& name);
-
-/// The same for a plane.
+/// Converts a plane from the world to the volume's own axes, which are rotated about its origin.
 WorldPlane in_own_axes(const WorldPlane& plane, const StoreHeader& header);
 
 /// What is extracted.
@@ -61,6 +50,24 @@ struct StageChoice {
     [[nodiscard]] bool simplifies() const { return distance && distance->within > 0; }
 };
 
+/// The position of a mesh, and its accuracy.
+struct MeshPlace {
+    WorldLattice lattice;
+    ClipBox box;          ///< to which the surface is clipped
+    double rounding = 0;  ///< of coordinates, as in the report
+
+    /// The smallest distance between neighbouring nodes, world units.
+    [[nodiscard]] double voxel() const { return lattice.steps.shortest(); }
+    /// Maximum error of a vertex position, world units.
+    [[nodiscard]] double max_moved() const;
+    /// The faces of a box between nodes (or of the box to which the surface is clipped) in the same
+    /// form as vertices: world coordinates, float32.
+    [[nodiscard]] PatchBox faces_of(const ClipBox& of) const;
+    [[nodiscard]] PatchBox faces() const { return faces_of(box); }
+};
+
+/// A query in the volume's own axes: in these it is not rotated, and its mesh is rotated into the
+/// world by RotatedSink.
 struct ExtractQuery {
     Product product = Product::surface;
     TraversalQuery traversal;
@@ -94,6 +101,29 @@ struct ExtractQuery {
     [[nodiscard]] bool keeps_apart() const {
         return product == Product::surface || product == Product::slice;
     }
+    /// Whether ranks share the traversal: for surfaces of values or of a label, and slices and
+    /// contours of volumes. Not for data in a plane, nor for surfaces whose elements stop at a
+    /// distance (every rank would need the distances of all).
+    [[nodiscard]] bool is_shared() const {
+        return !nested_distance && product != Product::isolines && product != Product::graph;
+    }
+    /// The store of vertex values.
+    [[nodiscard]] const StoreReader& values_in(const StoreReader& store) const {
+        return values != nullptr ? *values : store;
+    }
+    /// What the threads of its traversal need.
+    [[nodiscard]] TraversalHeap heap(const StoreLayout& layout) const {
+        return {layout, traversal, values != nullptr ? &values->layout() : nullptr};
+    }
+    /// The place of the mesh, for an extraction from a volume of this many nodes.
+    [[nodiscard]] MeshPlace place(const Int3& nodes) const {
+        return {{origin, steps, nodes}, asked_box.value_or(traversal.box), coordinate_rounding};
+    }
+    /// Lets the parts of the mesh record which vertices may be at the same place, if those are
+    /// separated, and which have no normal, if normals are requested.
+    void watch(PartStore& parts) const;
+    /// How vertices at the same place are separated, without the faces and the box that limit them.
+    [[nodiscard]] ApartRange apart_range() const;
     /// As in the report.
     [[nodiscard]] std::optional<double> asked_distance() const {
         return nested_distance   ? nested_distance
@@ -101,25 +131,6 @@ struct ExtractQuery {
                                  : std::nullopt;
     }
 };
-
-/// The position of a mesh, and its accuracy.
-struct MeshPlace {
-    WorldLattice lattice;
-    ClipBox box;          ///< to which the surface is clipped
-    double rounding = 0;  ///< of coordinates, as in the report
-
-    /// The smallest distance between neighbouring nodes, world units.
-    [[nodiscard]] double voxel() const { return lattice.steps.shortest(); }
-    /// Maximum error of a vertex position, world units.
-    [[nodiscard]] double max_moved() const;
-    /// The faces of a box between nodes (or of the box to which the surface is clipped) in the same
-    /// form as vertices: world coordinates, float32.
-    [[nodiscard]] PatchBox faces_of(const ClipBox& of) const;
-    [[nodiscard]] PatchBox faces() const { return faces_of(box); }
-};
-
-/// For an extraction from a volume of this many nodes.
-MeshPlace mesh_place(const ExtractQuery& query, const Int3& nodes);
 
 /// All memory that a call may use, for a store or volume of this name.
 MemoryShare memory_of(const ExtractOptions& options, const std::string& name);
@@ -153,12 +164,14 @@ DistanceChoice distance_choice(const StoreHeader& header, const DistanceStop& st
 /// store. Throws Error{limit} if nothing is left.
 double distance_left(const std::string& name, double distance, double moved);
 
-/// Rejects queries that are invalid for this store. `float64`: whether the mesh supports it. Throws
-/// Error{invalid_argument, not_found, limit} as extract() does. REQUIRES: the stop of a surface is
+/// Converts queries, and rejects those that are invalid for this store. A focus that is a box
+/// becomes the smallest box along the volume's own axes that contains it. `float64`: whether the
+/// mesh supports it. Throws Error{invalid_argument, not_found, limit} as extract() does, and
+/// Error{unsupported} for what cannot be rotated: boxes, graphs. REQUIRES: the stop of a surface is
 /// not a TriangleBudgetByError.
 ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, bool float64);
 ExtractQuery extract_query(const StoreReader& store, const LabelQuery& query, bool float64);
-/// For a volume without a store, in its own axes. Also throws Error{unsupported}.
+/// For a volume without a store.
 ExtractQuery extract_query(const VolumeDescription& volume, const SurfaceQuery& query);
 ExtractQuery extract_query(const StoreReader& store, const SliceQuery& query, bool float64);
 ExtractQuery extract_query(const StoreReader& store, const ContourQuery& query, bool float64);

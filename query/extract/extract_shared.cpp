@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstring>
 #include <deque>
 #include <memory>
@@ -17,7 +18,6 @@
 #include <isonest/extract.h>
 #include <isonest/joined_isovalues.h>
 
-#include "query/extract/extract.h"
 #include "query/extract/extraction.h"
 #include "query/mesh/mesh_sinks.h"
 #include "query/ranks/mesh_on_ranks.h"
@@ -26,62 +26,6 @@
 #include "store/container/format.h"
 
 namespace isonest {
-namespace {
-
-void require_isovalues(const Store& store, std::span<const double> isovalues) {
-    const std::string name = store.reader().path().string();
-    if (isovalues.empty()) {
-        throw Error(ErrorKind::invalid_argument, {name}, "no isovalues are given");
-    }
-    if (isovalues.size() > kMaxIsovalues) {
-        throw Error(
-            ErrorKind::limit, {name},
-            fmt::format("{} isovalues; give at most {} per run", isovalues.size(), kMaxIsovalues));
-    }
-    std::vector<double> sorted(isovalues.begin(), isovalues.end());
-    std::sort(sorted.begin(), sorted.end());
-    if (const auto twice = std::adjacent_find(sorted.begin(), sorted.end());
-        twice != sorted.end()) {
-        throw Error(ErrorKind::invalid_argument, {name},
-                    fmt::format("the isovalue {} is given twice", *twice));
-    }
-}
-
-/// Whether one traversal gives all of them: no search for an error, no kept analysis or interval of
-/// the volume for each, and no rotated mesh.
-bool are_together(const Store& store, const SurfaceQuery& query) {
-    return !std::holds_alternative<TriangleBudgetByError>(query.stop) && !query.analysis &&
-           !query.volume_interval && store.reader().layout().header().direction == kAlongWorld;
-}
-
-}  // namespace
-
-void extract_isovalues(const Store& store, std::span<const double> isovalues,
-                       const SurfaceQuery& query,
-                       const std::function<std::unique_ptr<MeshSink>(std::size_t number)>& sink,
-                       const std::function<void(std::size_t number, const ExtractReport&)>& done,
-                       const ExtractOptions& options, Progress& progress) {
-    require_isovalues(store, isovalues);
-    SurfaceQuery own = query;
-    if (!are_together(store, query)) {
-        for (std::size_t i = 0; i < isovalues.size(); ++i) {
-            own.iso = isovalues[i];
-            const std::unique_ptr<MeshSink> to = sink(i);
-            done(i, extract(store, own, *to, options, progress));
-        }
-        return;
-    }
-    std::unique_ptr<MeshSink> first = sink(0);
-    detail::ExtractQuery asked;
-    for (const double iso : isovalues) {
-        own.iso = iso;
-        asked = detail::extract_query(store.reader(), own, first->holds_float64());
-    }
-    detail::run_extractions(
-        store.reader(), asked, isovalues,
-        [&](std::size_t i) { return i == 0 ? std::move(first) : sink(i); }, done, options,
-        progress);
-}
 
 void extract_joined(const Store& store, std::span<const double> isovalues,
                     const SurfaceQuery& query, MeshSink& sink,
@@ -156,27 +100,6 @@ struct TraversalJob {
 };
 static_assert(std::is_trivially_copyable_v<TraversalJob>);
 
-TraversalJob job_of(const StoreReader& store, const ExtractQuery& q) {
-    const TraversalQuery& t = q.traversal;
-    TraversalJob job{
-        StoreMark(store),    q.product,  t.plane, t.tolerance,  t.stop,   t.bound,
-        t.culling,           t.vertices, t.cells, t.attributes, t.box,    q.values != nullptr,
-        q.label.has_value(), 0,          {},      q.steps,      q.origin, q.coordinate_rounding,
-        q.min_apart};
-    job.stop = sent_field(store, t.stop);
-    // An address in this process.
-    job.steps.uneven = nullptr;
-    job.tolerance.use_axes(nullptr);
-    if (t.attributes.error) {
-        job.attributes.error = sent_field(store, *t.attributes.error);
-    }
-    if (q.label) {
-        job.label = q.label->id;
-        job.label_within = {q.label->within->first, q.label->within->second};
-    }
-    return job;
-}
-
 ExtractQuery query_of(const TraversalJob& job, const StoreReader& store, const Store* values) {
     ExtractQuery q;
     q.product = job.product;
@@ -209,47 +132,6 @@ ExtractQuery query_of(const TraversalJob& job, const StoreReader& store, const S
 /// Sent instead of a TraversalJob, followed by the number of the mesh.
 constexpr std::string_view kMeshToMake = "mesh";
 
-/// A rank's results of the last traversal.
-struct OwnShare {
-    std::optional<ScratchFolder> scratch;
-    int threads = 1;
-    std::deque<PartStore> parts;  ///< for each isovalue
-};
-
-/// A rank's share of one traversal of rank 0.
-void help(RankTeam& team, const StoreReader& store, const ExtractQuery& asked,
-          std::span<const double> isovalues, const MemoryShare& memory,
-          const std::filesystem::path& folder, Progress& progress, OwnShare& own) {
-    own.parts.clear();
-    const ScratchFolder& scratch = own.scratch.emplace(ScratchFolder::metered(folder));
-    const TraversalBudget budget = parts_budget(store, asked, memory, isovalues.size());
-    own.threads = budget.threads;
-    std::vector<PartsPlace> places;
-    for (std::size_t i = 0; i < isovalues.size(); ++i) {
-        PartStore& parts = own.parts.emplace_back(scratch, asked.steps, asked.origin,
-                                                  budget.parts / isovalues.size(),
-                                                  asked.traversal.attributes.width());
-        watch_vertices(asked, parts);
-        places.push_back({isovalues[i], &parts});
-    }
-    std::vector<FoundParts> found;
-    Workers(budget.threads).execute([&] {
-        found = find_parts(store, asked, budget, places, scratch, progress, &team);
-    });
-    if (std::none_of(found.begin(), found.end(), [](const FoundParts& f) { return f.stay; })) {
-        own.parts.clear();
-    }
-}
-
-void help_with_mesh_number(RankTeam& team, std::string_view text, OwnShare& own,
-                           Progress& progress) {
-    std::size_t i = 0;
-    std::memcpy(&i, text.data() + kMeshToMake.size(), sizeof(i));
-    Workers(own.threads).execute([&] {
-        help_with_mesh(team, own.parts[i], *own.scratch, progress);
-    });
-}
-
 /// The next job from rank 0; empty if it is done. While a rank waits for it, it does not end the
 /// run when all are requested to stop: rank 0 may be publishing a mesh.
 std::string next_job(Communicator& ranks) {
@@ -259,47 +141,121 @@ std::string next_job(Communicator& ranks) {
     return job;
 }
 
-void help_until_done(RankTeam& team, const Store& store, const Store* values,
-                     const MemoryShare& memory, const std::filesystem::path& folder,
-                     Progress& progress) {
-    OwnShare own;
-    for (std::string text = next_job(team.ranks); !text.empty(); text = next_job(team.ranks)) {
-        if (text.size() == kMeshToMake.size() + sizeof(std::size_t) &&
-            text.starts_with(kMeshToMake)) {
-            help_with_mesh_number(team, text, own, progress);
-            continue;
+/// A rank other than rank 0.
+class Helper {
+  public:
+    /// `values`: see extract_on_ranks(). All must outlive it.
+    Helper(RankTeam& team, const Store& store, const Store* values, MemoryShare memory,
+           const std::filesystem::path& folder, Progress& progress)
+        : team_(team),
+          store_(store.reader()),
+          values_(values),
+          memory_(std::move(memory)),
+          folder_(folder),
+          progress_(progress) {}
+
+    void help_until_done() {
+        for (std::string text = next_job(team_.ranks); !text.empty();
+             text = next_job(team_.ranks)) {
+            if (text.size() == kMeshToMake.size() + sizeof(std::size_t) &&
+                text.starts_with(kMeshToMake)) {
+                make_mesh(text);
+            } else if (text == kBlocksToMap) {
+                serve_blocks(team_, memory_, progress_);
+            } else {
+                traverse(text);
+            }
         }
-        if (text == kBlocksToMap) {
-            serve_blocks(team, memory, progress);
-            continue;
-        }
-        TraversalJob job = job_of(store.reader(), {});
-        std::memcpy(&job, text.data(), sizeof(job));
+    }
+
+  private:
+    void make_mesh(std::string_view text) {
+        std::size_t i = 0;
+        std::memcpy(&i, text.data() + kMeshToMake.size(), sizeof(i));
+        Workers(threads_).execute([&] { help_with_mesh(team_, parts_[i], *scratch_, progress_); });
+    }
+    /// Its share of one traversal of rank 0.
+    void traverse(std::string_view text) {
+        std::array<std::byte, sizeof(TraversalJob)> bytes{};
+        std::memcpy(bytes.data(), text.data(), bytes.size());
+        const auto job = std::bit_cast<TraversalJob>(bytes);
         std::vector<double> isovalues((text.size() - sizeof(job)) / sizeof(double));
         std::memcpy(isovalues.data(), text.data() + sizeof(job), isovalues.size() * sizeof(double));
-        if (job.store != StoreMark(store.reader())) {
-            throw Error(ErrorKind::invalid_argument, {store.path().string()},
+        if (job.store != StoreMark(store_)) {
+            throw Error(ErrorKind::invalid_argument, {store_.path().string()},
                         fmt::format("on {}, this name refers to a different store than on rank 0; "
                                     "all ranks must see the same file",
-                                    team.ranks.host()));
+                                    team_.ranks.host()));
         }
-        ExtractQuery asked = query_of(job, store.reader(), values);
+        ExtractQuery asked = query_of(job, store_, values_);
         asked.traversal.iso = isovalues.front();
-        help(team, store.reader(), asked, isovalues, memory, folder, progress, own);
+        parts_.clear();
+        scratch_.emplace(ScratchFolder::metered(folder_));
+        const PartsTraversal traversal(store_, asked, memory_, isovalues.size());
+        const TraversalBudget& budget = traversal.budget();
+        threads_ = budget.threads;
+        std::vector<PartsPlace> places;
+        for (const double iso : isovalues) {
+            PartStore& parts = parts_.emplace_back(*scratch_, asked.steps, asked.origin,
+                                                   budget.parts / isovalues.size(),
+                                                   asked.traversal.attributes.width());
+            asked.watch(parts);
+            places.push_back({iso, &parts});
+        }
+        std::vector<FoundParts> found;
+        Workers(threads_).execute(
+            [&] { found = traversal.find(places, *scratch_, progress_, &team_); });
+        if (std::none_of(found.begin(), found.end(), [](const FoundParts& f) { return f.stay; })) {
+            parts_.clear();
+        }
     }
-}
+
+    RankTeam& team_;
+    const StoreReader& store_;
+    const Store* values_;
+    MemoryShare memory_;
+    const std::filesystem::path& folder_;
+    Progress& progress_;
+    // Results of the last traversal.
+    std::optional<ScratchFolder> scratch_;
+    int threads_ = 1;
+    std::deque<PartStore> parts_;  ///< for each isovalue
+};
 
 }  // namespace
 
-bool is_shared(const ExtractQuery& asked) {
-    return !asked.nested_distance &&
-           (asked.product == Product::surface || asked.product == Product::slice ||
-            asked.product == Product::contours);
-}
-
 void begin_shared_traversal(RankTeam& team, const StoreReader& store, const ExtractQuery& asked,
                             std::span<const double> isovalues) {
-    const TraversalJob job = job_of(store, asked);
+    const TraversalQuery& t = asked.traversal;
+    TraversalJob job{StoreMark(store),
+                     asked.product,
+                     t.plane,
+                     t.tolerance,
+                     sent_field(store, t.stop),
+                     t.bound,
+                     t.culling,
+                     t.vertices,
+                     t.cells,
+                     t.attributes,
+                     t.box,
+                     asked.values != nullptr,
+                     asked.label.has_value(),
+                     0,
+                     {},
+                     asked.steps,
+                     asked.origin,
+                     asked.coordinate_rounding,
+                     asked.min_apart};
+    // An address in this process.
+    job.steps.uneven = nullptr;
+    job.tolerance.use_axes(nullptr);
+    if (t.attributes.error) {
+        job.attributes.error = sent_field(store, *t.attributes.error);
+    }
+    if (asked.label) {
+        job.label = asked.label->id;
+        job.label_within = {asked.label->within->first, asked.label->within->second};
+    }
     std::string text(sizeof(job) + isovalues.size() * sizeof(double), '\0');
     std::memcpy(text.data(), &job, sizeof(job));
     std::memcpy(text.data() + sizeof(job), isovalues.data(), isovalues.size() * sizeof(double));
@@ -322,8 +278,9 @@ RankWork extract_on_ranks(Communicator& ranks, const Store& store, const Store* 
         ranks.ignore_stop(true);  // all outputs have their final names
         ranks.broadcast({});
     } else {
-        help_until_done(team, store, values, memory_of(options, store.path().string()),
-                        options.scratch, progress);
+        Helper(team, store, values, memory_of(options, store.path().string()), options.scratch,
+               progress)
+            .help_until_done();
     }
     return team.work;
 }

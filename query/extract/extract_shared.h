@@ -22,8 +22,8 @@ namespace isonest::detail {
 // a file of rows at known places is welded and written by all ranks (query/ranks/mesh_on_ranks.h):
 // parts then stay where they were made, and the mesh is another kind of job. Of the stages,
 // simplification by successive mappings is shared (query/ranks/rank_mapping.h): its blocks are a
-// further kind of job. Everything else that does not use find_parts() is done by rank 0 alone,
-// while the others wait; so is what is_shared() excludes.
+// further kind of job. Everything else that does not use PartsTraversal is done by rank 0 alone,
+// while the others wait; so is what ExtractQuery::is_shared() excludes.
 
 /// Calls `work` on rank 0 with `options` whose team is all ranks: whenever it runs an extraction
 /// from `store`, the ranks share it. `values`: the store of vertex values, or null. Memory and
@@ -35,13 +35,8 @@ RankWork extract_on_ranks(Communicator& ranks, const Store& store, const Store* 
                           const std::function<void(const ExtractOptions&)>& work,
                           const ExtractOptions& options, Progress& progress);
 
-/// Whether ranks share the traversal: for surfaces of values or of a label, and slices and contours
-/// of volumes. Not for data in a plane, nor for surfaces whose elements stop at a distance (every
-/// rank would need the distances of all).
-bool is_shared(const ExtractQuery& asked);
-
-/// Announces a traversal to the other ranks. REQUIRES: is_shared(asked); this is rank 0, and
-/// find_parts() with the same team follows.
+/// Announces a traversal to the other ranks. REQUIRES: asked.is_shared(); this is rank 0,
+/// and PartsTraversal::find() with the same team follows.
 void begin_shared_traversal(RankTeam& team, const StoreReader& store, const ExtractQuery& asked,
                             std::span<const double> isovalues);
 

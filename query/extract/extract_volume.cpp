@@ -24,9 +24,7 @@
 #include "query/extract/extract_query.h"
 #include "query/extract/extraction.h"
 #include "query/extract/report.h"
-#include "query/mesh/measuring_sink.h"
 #include "query/mesh/mend_triangles.h"
-#include "query/mesh/mesh_sinks.h"
 #include "query/mesh/vertex_stars.h"
 #include "query/slabs/join_slabs.h"
 #include "query/slabs/march_slab.h"
@@ -128,43 +126,60 @@ struct LayerNeeds {
     std::uint64_t thread;
     std::uint64_t slab;
     std::uint64_t fixed;  ///< of the reader
+
+    /// All that is needed at least.
+    [[nodiscard]] std::uint64_t all() const { return fixed + slab + thread; }
 };
 
-LayerNeeds layer_needs(const SlabReader& reader, const VolumeDescription& volume,
-                       const TraversalQuery& query, int chunk) {
-    LayerNeeds needs{StoreLayout(chunked_header_of(volume, chunk)), 0, 0, 0, 0};
-    needs.chunks = chunk_heap(needs.layout, query, false);
-    needs.thread = needs.chunks + table_heap(needs.layout) + list_heap(needs.layout) +
-                   2 * kMinMarched * LocalMesh::kBytesPerVertex;
-    needs.slab = reader.slab_bytes(chunk) + VolumeChunks::heap(needs.layout);
-    needs.fixed = reader.own_bytes(chunk);
-    return needs;
-}
+/// The bricks of the volume's store, a layer of chunks at a time.
+class VolumeLayers {
+  public:
+    /// All must outlive it.
+    VolumeLayers(SlabReader& reader, const VolumeDescription& volume, const TraversalQuery& query)
+        : reader_(reader), volume_(volume), query_(query) {}
 
-LayerBudget layer_budget(const SlabReader& reader, const VolumeDescription& volume,
-                         const TraversalQuery& query, const MemoryShare& memory) {
+    [[nodiscard]] LayerNeeds needs(int chunk) const {
+        LayerNeeds needs{StoreLayout(chunked_header_of(volume_, chunk)), 0, 0, 0, 0};
+        needs.chunks = TraversalHeap(needs.layout, query_).chunks();
+        needs.thread = needs.chunks + table_heap(needs.layout) + list_heap(needs.layout) +
+                       2 * kMinMarched * LocalMesh::kBytesPerVertex;
+        needs.slab = reader_.slab_bytes(chunk) + VolumeChunks::heap(needs.layout);
+        needs.fixed = reader_.own_bytes(chunk);
+        return needs;
+    }
+    [[nodiscard]] LayerBudget budget(const MemoryShare& memory) const;
+    /// Fills the parts with those of the volume's store, and seals them.
+    TraversalResult traverse_into(PartStore& parts, const LayerBudget& budget, Progress& progress);
+
+  private:
+    SlabReader& reader_;
+    const VolumeDescription& volume_;
+    const TraversalQuery& query_;
+};
+
+LayerBudget VolumeLayers::budget(const MemoryShare& memory) const {
     LayerBudget budget;
     const auto threads = static_cast<std::uint64_t>(memory.threads());
-    LayerNeeds needs = layer_needs(reader, volume, query, kChunks.front());
+    LayerNeeds least = needs(kChunks.front());
     budget.plan.layers = kChunks.front();
     for (std::size_t i = 1;
          i < kChunks.size() &&
-         kLibraryHeap + needs.fixed + 2 * needs.slab + threads * needs.thread > memory.bytes() / 2;
+         kLibraryHeap + least.fixed + 2 * least.slab + threads * least.thread > memory.bytes() / 2;
          ++i) {
-        needs = layer_needs(reader, volume, query, kChunks[i]);
+        least = needs(kChunks[i]);
         budget.plan.layers = kChunks[i];
     }
-    memory.require(needs.fixed + needs.slab + needs.thread, "planes of this volume");
-    std::uint64_t left = memory.left() - needs.fixed - needs.slab;
-    if (left >= needs.slab + threads * needs.thread) {
+    memory.require(least.all(), "planes of this volume");
+    std::uint64_t left = memory.left() - least.fixed - least.slab;
+    if (left >= least.slab + threads * least.thread) {
         budget.plan.slabs_at_once = 2;
-        left -= needs.slab;
+        left -= least.slab;
     }
-    const std::uint64_t count = std::clamp<std::uint64_t>(left / needs.thread, 1, threads);
-    left -= count * needs.thread;
-    budget.layout = std::move(needs.layout);
+    const std::uint64_t count = std::clamp<std::uint64_t>(left / least.thread, 1, threads);
+    left -= count * least.thread;
+    budget.layout = std::move(least.layout);
     budget.plan.threads = static_cast<int>(count);
-    budget.cache = count * needs.chunks + left / 8;
+    budget.cache = count * least.chunks + left / 8;
     budget.part_vertices =
         std::clamp<std::size_t>(kMinMarched + left / 4 / count / (2 * LocalMesh::kBytesPerVertex),
                                 kMinMarched, kMaxMarched);
@@ -172,10 +187,8 @@ LayerBudget layer_budget(const SlabReader& reader, const VolumeDescription& volu
     return budget;
 }
 
-/// Fills the parts with those of the volume's store, and seals them.
-TraversalResult traverse_layers_into(PartStore& parts, const TraversalQuery& query,
-                                     SlabReader& reader, const VolumeDescription& volume,
-                                     const LayerBudget& budget, Progress& progress) {
+TraversalResult VolumeLayers::traverse_into(PartStore& parts, const LayerBudget& budget,
+                                            Progress& progress) {
     /// The result of a layer.
     struct Found {
         TraversalCounts counts;
@@ -185,19 +198,17 @@ TraversalResult traverse_layers_into(PartStore& parts, const TraversalQuery& que
     const PartSink sink = [&parts](std::uint64_t order, const MeshPart& part) {
         parts.append(order, part);
     };
-    const std::int64_t last = volume.nodes.z - 1;
     TraversalResult result;
     ValueRange range;
     each_slab<Found>(
-        reader, last, budget.plan, "extract", progress,
+        reader_, volume_.nodes.z - 1, budget.plan, "extract", progress,
         [&](const Slab& layers, const SlabPlanes& planes) {
             const std::int64_t layer = layers.begin / budget.plan.layers;
             const VolumeChunks chunks(budget.layout, planes, layers);
             ChunkCache cache(chunks, budget.cache,
-                             query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
-            return Found{
-                traverse_finest_layer(cache, query, layer, budget.part_vertices, sink, progress),
-                chunks.range(), chunks.has_missing()};
+                             query_.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
+            TraversalRun run(cache, query_, budget.part_vertices, sink, progress);
+            return Found{traverse_finest_layer(run, layer), chunks.range(), chunks.has_missing()};
         },
         [&](const Found& here) {
             result.counts.add(here.counts);
@@ -209,15 +220,18 @@ TraversalResult traverse_layers_into(PartStore& parts, const TraversalQuery& que
     return result;
 }
 
-/// Extracts in the volume's own axes.
-ExtractReport extract_along_axes(VolumeSource& volume, const VolumeDescription& description,
-                                 const SurfaceQuery& query, MeshSink& sink,
-                                 const ExtractOptions& options, Progress& progress) {
-    MeasuringSink measuring(sink, options.quality);
+}  // namespace
+}  // namespace detail
+
+ExtractReport extract(VolumeSource& volume, const SurfaceQuery& query, MeshSink& sink,
+                      const ExtractOptions& options, Progress& progress) {
+    using namespace detail;
+    const VolumeDescription description = volume.describe();
     ExtractQuery asked = extract_query(description, query);
+    WorldOutput mesh(sink, asked, options.quality);
     const SlabPlace place{query.iso, query.attributes.normals, asked.steps, description.origin,
                           sight_apart(asked.coordinate_rounding, asked.min_apart)};
-    Extraction extraction({description.name, header_of(description)}, std::move(asked), measuring,
+    Extraction extraction({description.name, header_of(description)}, std::move(asked), mesh.sink(),
                           options, progress);
     extraction.prepare(volume.files());
     SlabReader reader(volume);
@@ -232,53 +246,31 @@ ExtractReport extract_along_axes(VolumeSource& volume, const VolumeDescription& 
                                          description, place, budget, progress);
         });
     } else {
-        const LayerBudget budget =
-            layer_budget(reader, description, extraction.asked().traversal, extraction.memory());
+        VolumeLayers layers(reader, description, extraction.asked().traversal);
+        const LayerBudget budget = layers.budget(extraction.memory());
         traversal.threads = budget.plan.threads;
         Workers(budget.plan.threads).execute([&] {
-            found.traversal = traverse_layers_into(*extraction.begin_parts(budget.parts).parts,
-                                                   extraction.asked().traversal, reader,
-                                                   description, budget, progress);
+            found.traversal =
+                layers.traverse_into(*extraction.begin_parts(budget.parts).parts, budget, progress);
         });
     }
-    return measured(extraction.finish(found, traversal), measuring);
-}
-
-}  // namespace
-}  // namespace detail
-
-ExtractReport extract(VolumeSource& volume, const SurfaceQuery& query, MeshSink& sink,
-                      const ExtractOptions& options, Progress& progress) {
-    using namespace detail;
-    const VolumeDescription description = volume.describe();
-    if (description.direction == kAlongWorld) {
-        return extract_along_axes(volume, description, query, sink, options, progress);
-    }
-    const StoreHeader header = header_of(description);
-    const SurfaceQuery own = in_own_axes(query, header, description.name);
-    const Directions rotation = header.rotation();
-    if (rotation == kAlongWorld) {
-        return extract_along_axes(volume, description, own, sink, options, progress);
-    }
-    RotatedSink turning(sink, description.origin, rotation);
-    const ExtractReport report =
-        extract_along_axes(volume, description, own, turning, options, progress);
-    return turned(report, turning, header.steps());
+    return mesh.report(extraction.finish(found, traversal));
 }
 
 std::optional<std::uint64_t> march_memory(VolumeSource& volume, const SurfaceQuery& query) {
     using namespace detail;
     const VolumeDescription description = volume.describe();
-    if (!is_marchable(description) || needs_store(description, query)) {
+    if (!is_marchable(description) ||
+        needs_store(description, features_of(query), query.grid.bound.has_value())) {
         return std::nullopt;
     }
-    const SlabReader reader(volume);
+    SlabReader reader(volume);
     if (is_plain_surface(query)) {
         return min_slab_memory(reader, description, min_parts(description.nodes));
     }
-    const LayerNeeds needs = layer_needs(
-        reader, description, extract_query(description, query).traversal, kChunks.back());
-    return kLibraryHeap + needs.fixed + needs.slab + needs.thread;
+    const ExtractQuery asked = extract_query(description, query);
+    return kLibraryHeap +
+           VolumeLayers(reader, description, asked.traversal).needs(kChunks.back()).all();
 }
 
 // A surface directly from a volume:

@@ -127,76 +127,11 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// The arguments of a traversal.
-struct TraversalSetting {
-    const StoreReader& store;
-    const ExtractQuery& asked;
-    const TraversalQuery& query;  ///< of `asked`, with the cache of the vertex values
-    ChunkCache& cache;
-    std::size_t part_vertices;
-    const ScratchFolder& scratch;
-    Progress& progress;
-};
-
-/// Maximum distance of the leaves' triangles from the surface at full resolution, which may be
-/// mended after they are measured. Throws Error{limit} if nothing is left of the requested
-/// distance.
-double nested_limit(const StoreReader& store, const ExtractQuery& asked) {
-    // Rounding moves by half a unit in the last place, mending by up to four; in addition, sheets
-    // are separated.
-    MeshPlace place = mesh_place(asked, store.layout().header().nodes);
-    place.rounding =
-        9 * asked.coordinate_rounding +
-        (asked.moves_apart ? kMaxApart * step_apart(asked.coordinate_rounding, asked.min_apart)
-                           : 0);
-    return distance_left(store.path().string(), *asked.nested_distance, place.max_moved());
-}
-
-/// Selects the traversal by product and cells.
-TraversalCounts counts_of(const TraversalSetting& s, const PartSink& sink) {
-    if (s.asked.nested_distance) {
-        return traverse_within_distance(s.cache, s.query, nested_limit(s.store, s.asked), s.scratch,
-                                        s.part_vertices, sink, s.progress);
-    }
-    switch (s.asked.product) {
-        case Product::graph:
-            return traverse_planar(s.cache, s.query, PlanarKind::graph, s.part_vertices, sink,
-                                   s.progress);
-        case Product::isolines:
-            return traverse_planar(s.cache, s.query, PlanarKind::isolines, s.part_vertices, sink,
-                                   s.progress);
-        case Product::surface:
-        case Product::slice:
-        case Product::contours:
-            break;
-    }
-    return traverse(s.cache, s.query, s.part_vertices, sink, s.progress);
-}
-
 std::vector<double> isovalues_of(std::span<const PartsPlace> places) {
     std::vector<double> isovalues;
     std::transform(places.begin(), places.end(), std::back_inserter(isovalues),
                    [](const PartsPlace& p) { return p.iso; });
     return isovalues;
-}
-
-/// For each isovalue. Surfaces are found in one traversal; others are traversed one after another,
-/// with a common cache.
-std::vector<TraversalCounts> all_counts(const TraversalSetting& s,
-                                        std::span<const PartsPlace> places,
-                                        std::span<const PartSink> sinks) {
-    std::vector<TraversalCounts> counts;
-    if (s.asked.product == Product::surface && !s.asked.nested_distance && places.size() > 1) {
-        return traverse_isovalues(s.cache, s.query, isovalues_of(places), s.part_vertices, sinks,
-                                  s.progress);
-    }
-    for (std::size_t i = 0; i < places.size(); ++i) {
-        TraversalQuery query = s.query;
-        query.iso = places[i].iso;
-        counts.push_back(counts_of(
-            {s.store, s.asked, query, s.cache, s.part_vertices, s.scratch, s.progress}, sinks[i]));
-    }
-    return counts;
 }
 
 double elapsed_since(Clock::time_point start) {
@@ -221,60 +156,90 @@ TraversalResult of_all(Communicator& ranks, const TraversalResult& own) {
 
 }  // namespace
 
-void watch_vertices(const ExtractQuery& asked, PartStore& parts) {
-    if (asked.keeps_apart()) {
-        parts.watch({sight_apart(asked.coordinate_rounding, asked.min_apart), asked.traversal.box});
-    }
-    if (asked.traversal.attributes.normal) {
-        parts.count_normals();
-    }
-}
-
-TraversalBudget parts_budget(const StoreReader& store, const ExtractQuery& query,
-                             const MemoryShare& memory, std::uint64_t isovalues) {
-    if (!query.nested_distance) {
-        return share_memory(store, query.traversal, query.values, memory, true, isovalues);
+PartsTraversal::PartsTraversal(const StoreReader& store, const ExtractQuery& asked,
+                               const MemoryShare& memory, std::uint64_t isovalues)
+    : store_(store), asked_(asked) {
+    const TraversalHeap heap = asked.heap(store.layout());
+    if (!asked.nested_distance) {
+        budget_ = heap.share(memory, store.is_remote(), true, isovalues);
+        return;
     }
     // Threads of a traversal within a distance need additional heap.
-    const std::uint64_t each = distance_traversal_heap(store.layout(), query.traversal);
+    const std::uint64_t each = distance_traversal_heap(store.layout(), asked.traversal.bound);
     const std::uint64_t count = std::clamp<std::uint64_t>(
         memory.bytes() / 2 / each, 1, static_cast<std::uint64_t>(memory.threads()));
-    return share_memory(store, query.traversal, query.values,
-                        memory.with_threads(static_cast<int>(count)).without(each * count), true,
-                        isovalues);
+    budget_ = heap.share(memory.with_threads(static_cast<int>(count)).without(each * count),
+                         store.is_remote(), true, isovalues);
 }
 
-std::vector<FoundParts> find_parts(const StoreReader& store, const ExtractQuery& asked,
-                                   const TraversalBudget& budget,
-                                   std::span<const PartsPlace> places, const ScratchFolder& scratch,
-                                   Progress& progress, RankTeam* team) {
-    TraversalQuery query = asked.traversal;
-    query.waiting_lists = budget.waiting;
-    std::optional<ChunkCache> others;
-    if (asked.values != nullptr) {
-        others.emplace(*asked.values, budget.values_cache);
-        query.attribute_values = &*others;
-    }
-    std::optional<LabelView> label;
-    if (asked.label) {
-        label.emplace(store, asked.label->id, asked.label->within->first,
-                      asked.label->within->second);
-    }
-    const ChunkSource& source = label ? static_cast<const ChunkSource&>(*label) : store;
-    ChunkCache cache(source, budget.cache,
-                     query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
-    if (team != nullptr) {
-        query.share = share_of(team->ranks, source, query, isovalues_of(places));
-    }
-    const auto start = Clock::now();
+/// Maximum distance of the leaves' triangles from the surface at full resolution, which may be
+/// mended after they are measured. Throws Error{limit} if nothing is left of the requested
+/// distance.
+double PartsTraversal::nested_limit() const {
+    // Rounding moves by half a unit in the last place, mending by up to four; in addition, sheets
+    // are separated.
+    MeshPlace place = asked_.place(store_.layout().header().nodes);
+    place.rounding =
+        9 * asked_.coordinate_rounding +
+        (asked_.moves_apart ? kMaxApart * step_apart(asked_.coordinate_rounding, asked_.min_apart)
+                            : 0);
+    return distance_left(store_.path().string(), *asked_.nested_distance, place.max_moved());
+}
+
+/// For each isovalue. Surfaces are found in one traversal; others are traversed one after another,
+/// with a common cache. `query`: of the query, with the cache of the vertex values.
+std::vector<TraversalCounts> PartsTraversal::all_counts(ChunkCache& cache,
+                                                        const TraversalQuery& query,
+                                                        std::span<const PartsPlace> places,
+                                                        const ScratchFolder& scratch,
+                                                        Progress& progress) const {
     std::vector<PartSink> sinks;
     for (const PartsPlace& place : places) {
         sinks.emplace_back([parts = place.parts](std::uint64_t order, const MeshPart& part) {
             parts->append(order, part);
         });
     }
-    const std::vector<TraversalCounts> counts = all_counts(
-        {store, asked, query, cache, budget.part_vertices, scratch, progress}, places, sinks);
+    const bool is_planar = asked_.product == Product::graph || asked_.product == Product::isolines;
+    if (!is_planar && !asked_.nested_distance) {
+        return traverse_isovalues(cache, query, isovalues_of(places), budget_.part_vertices, sinks,
+                                  progress);
+    }
+    std::vector<TraversalCounts> counts;
+    for (std::size_t i = 0; i < places.size(); ++i) {
+        TraversalQuery own = query;
+        own.iso = places[i].iso;
+        TraversalRun run(cache, own, budget_.part_vertices, sinks[i], progress);
+        counts.push_back(is_planar ? traverse_planar(run, asked_.product == Product::graph
+                                                              ? PlanarKind::graph
+                                                              : PlanarKind::isolines)
+                                   : traverse_within_distance(run, nested_limit(), scratch));
+    }
+    return counts;
+}
+
+std::vector<FoundParts> PartsTraversal::find(std::span<const PartsPlace> places,
+                                             const ScratchFolder& scratch, Progress& progress,
+                                             RankTeam* team) const {
+    TraversalQuery query = asked_.traversal;
+    query.waiting_lists = budget_.waiting;
+    std::optional<ChunkCache> others;
+    if (asked_.values != nullptr) {
+        others.emplace(*asked_.values, budget_.values_cache);
+        query.attribute_values = &*others;
+    }
+    std::optional<LabelView> label;
+    if (asked_.label) {
+        label.emplace(store_, asked_.label->id, asked_.label->within->first,
+                      asked_.label->within->second);
+    }
+    const ChunkSource& source = label ? static_cast<const ChunkSource&>(*label) : store_;
+    ChunkCache cache(source, budget_.cache,
+                     query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
+    if (team != nullptr) {
+        query.share = share_of(team->ranks, source, query.box, query.plane, isovalues_of(places));
+    }
+    const auto start = Clock::now();
+    const std::vector<TraversalCounts> counts = all_counts(cache, query, places, scratch, progress);
     if (team != nullptr) {
         ++team->work.traversals;
         team->work.traversal_seconds += elapsed_since(start);
@@ -285,7 +250,7 @@ std::vector<FoundParts> find_parts(const StoreReader& store, const ExtractQuery&
     for (std::size_t i = 0; i < places.size(); ++i) {
         FoundParts& one = found.emplace_back();
         one.traversal = {counts[i], cache.chunks_read(), cache.bytes_read(), cache.peak_bytes(),
-                         store.has_missing()};
+                         store_.has_missing()};
         if (team == nullptr) {
             places[i].parts->seal();
             continue;
@@ -325,7 +290,7 @@ void Extraction::prepare(std::vector<std::filesystem::path> inputs) {
 PartsPlace Extraction::begin_parts(std::uint64_t memory) {
     parts_.emplace(scratch_, asked_.steps, asked_.origin, memory,
                    asked_.traversal.attributes.width());
-    watch_vertices(asked_, *parts_);
+    asked_.watch(*parts_);
     PartsPlace place{asked_.traversal.iso, &*parts_};
     if (team_ != nullptr && team_->ranks.size() > 1) {
         place.may_stay = [this] { return goes_straight(); };
@@ -375,7 +340,7 @@ ExtractReport Extraction::finish(const FoundParts& found, const TraversalBudget&
 void Extraction::make_on_ranks(ReportSum& report) {
     std::optional<ApartRange> apart;
     if (asked_.keeps_apart()) {
-        apart = within_faces(apart_range(asked_), report.place());
+        apart = within_faces(asked_.apart_range(), report.place());
     }
     const MeshOnRanks mesh =
         mesh_on_ranks(*team_, *parts_, apart, layout_, sink_, scratch_, progress_);
@@ -387,7 +352,7 @@ void Extraction::make_on_ranks(ReportSum& report) {
 
 void Extraction::keep_apart(const Weld& weld, ReportSum& report) {
     if (asked_.keeps_apart() && !parts_->is_to_be_mended()) {
-        const ApartRange range = within_faces(apart_range(asked_), report.place());
+        const ApartRange range = within_faces(asked_.apart_range(), report.place());
         report.add(apart_result(keep_parts_apart(*parts_, weld, range, scratch_, progress_),
                                 asked_.steps));
     }

@@ -43,11 +43,6 @@ ExtractReport extract_within_triangle_budget(const Store& store, const SurfaceQu
 
 // From the query to parts: the traversal that a product needs.
 
-/// Distribution of the memory of a query's traversal, for this many concurrent isovalues. Throws
-/// Error{limit} if there is too little.
-TraversalBudget parts_budget(const StoreReader& store, const ExtractQuery& query,
-                             const MemoryShare& memory, std::uint64_t isovalues);
-
 /// Destination of the parts of one isovalue.
 struct PartsPlace {
     double iso = 0;
@@ -62,19 +57,35 @@ struct FoundParts {
     bool stay = false;  ///< parts stay on the ranks that made them
 };
 
-/// Lets the parts record which vertices may be at the same place, if the query separates those, and
-/// which have no normal, if normals are requested.
-void watch_vertices(const ExtractQuery& asked, PartStore& parts);
+class PartsTraversal {
+  public:
+    /// For this many concurrent isovalues. Store and query must outlive it. Throws Error{limit} if
+    /// there is too little memory.
+    PartsTraversal(const StoreReader& store, const ExtractQuery& asked, const MemoryShare& memory,
+                   std::uint64_t isovalues);
+    [[nodiscard]] const TraversalBudget& budget() const { return budget_; }
 
-/// Fills and seals all parts in one traversal, then frees the additional memory. Chunks are counted
-/// separately for each part. REQUIRES: several isovalues only for a surface or isolines of values;
-/// called within an arena of budget.threads. `team`: ranks that share the traversal, or null; it is
-/// then collective: rank 0 receives the parts of all ranks, unless they stay on their ranks, and
-/// its result counts the work of all ranks. Throws what traverse() throws.
-std::vector<FoundParts> find_parts(const StoreReader& store, const ExtractQuery& asked,
-                                   const TraversalBudget& budget,
-                                   std::span<const PartsPlace> places, const ScratchFolder& scratch,
-                                   Progress& progress, RankTeam* team = nullptr);
+    /// Fills and seals all parts in one traversal, then frees the additional memory. Chunks are
+    /// counted separately for each part. REQUIRES: several isovalues only for a surface or isolines
+    /// of values; called within an arena of budget().threads. `team`: ranks that share the
+    /// traversal, or null; it is then collective: rank 0 receives the parts of all ranks, unless
+    /// they stay on their ranks, and its result counts the work of all ranks. Throws what
+    /// traverse() throws.
+    std::vector<FoundParts> find(std::span<const PartsPlace> places, const ScratchFolder& scratch,
+                                 Progress& progress, RankTeam* team) const;
+
+  private:
+    [[nodiscard]] std::vector<TraversalCounts> all_counts(ChunkCache& cache,
+                                                          const TraversalQuery& query,
+                                                          std::span<const PartsPlace> places,
+                                                          const ScratchFolder& scratch,
+                                                          Progress& progress) const;
+    [[nodiscard]] double nested_limit() const;
+
+    const StoreReader& store_;
+    const ExtractQuery& asked_;
+    TraversalBudget budget_;
+};
 
 /// The volume, as seen by an extraction.
 struct ExtractedVolume {

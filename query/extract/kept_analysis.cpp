@@ -42,45 +42,6 @@ std::string store_key(const StoreReader& store) {
                 : "");
 }
 
-/// Everything that the meshes depend on, besides the store.
-std::string query_key(const StoreReader& store, const ExtractQuery& query) {
-    const TraversalQuery& t = query.traversal;
-    std::string key = fmt::format("iso {}", t.iso);
-    const Int3 nodes = store.layout().header().nodes;
-    bool whole = true;
-    for (int axis = 0; axis < 3; ++axis) {
-        const auto a = static_cast<std::size_t>(axis);
-        whole = whole && t.box.lo[a] == 0 && t.box.hi[a] == static_cast<double>(nodes[axis] - 1);
-    }
-    if (!whole) {
-        key += fmt::format(", box {},{},{} to {},{},{} (nodes)", t.box.lo[0], t.box.lo[1],
-                           t.box.lo[2], t.box.hi[0], t.box.hi[1], t.box.hi[2]);
-    }
-    if (t.cells == Cells::hexahedra) {
-        key += ", of hexahedra";
-    }
-    if (t.box.close) {
-        key += *t.box.close == Outside::below ? ", closed" : ", closed above";
-    }
-    if (query.stages.components) {
-        key += fmt::format(", components: largest {}, least triangles {}, least volume {}",
-                           query.stages.components->largest, query.stages.components->min_triangles,
-                           query.stages.components->min_volume);
-    }
-    const AttributeChoice& a = t.attributes;
-    if (a.normal) {
-        key += ", normals";
-    }
-    if (query.values != nullptr) {
-        key += fmt::format(", values of {:016x}{}", query.values->identity(),
-                           a.wide_value ? " as float64" : "");
-    }
-    if (a.error) {
-        key += fmt::format(", error {}", stored_name_of(*a.error));
-    }
-    return key;
-}
-
 std::string prefix_of(const StoreReader& store) {
     const std::string name = store.path().filename().string();
     return (name.empty() ? "store" : name) + ".iso";
@@ -154,10 +115,43 @@ void each_batch(std::span<const std::byte> bytes, F&& f) {
 }  // namespace
 
 AnalysisName analysis_name(const StoreReader& store, const ExtractQuery& query) {
-    const std::string key = query_key(store, query);
+    const TraversalQuery& t = query.traversal;
+    std::string key = fmt::format("iso {}", t.iso);
+    const Int3 nodes = store.layout().header().nodes;
+    bool whole = true;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        whole = whole && t.box.lo[a] == 0 && t.box.hi[a] == static_cast<double>(nodes[axis] - 1);
+    }
+    if (!whole) {
+        key += fmt::format(", box {},{},{} to {},{},{} (nodes)", t.box.lo[0], t.box.lo[1],
+                           t.box.lo[2], t.box.hi[0], t.box.hi[1], t.box.hi[2]);
+    }
+    if (t.cells == Cells::hexahedra) {
+        key += ", of hexahedra";
+    }
+    if (t.box.close) {
+        key += *t.box.close == Outside::below ? ", closed" : ", closed above";
+    }
+    if (query.stages.components) {
+        key += fmt::format(", components: largest {}, least triangles {}, least volume {}",
+                           query.stages.components->largest, query.stages.components->min_triangles,
+                           query.stages.components->min_volume);
+    }
+    const AttributeChoice& a = t.attributes;
+    if (a.normal) {
+        key += ", normals";
+    }
+    if (query.values != nullptr) {
+        key += fmt::format(", values of {:016x}{}", query.values->identity(),
+                           a.wide_value ? " as float64" : "");
+    }
+    if (a.error) {
+        key += fmt::format(", error {}", stored_name_of(*a.error));
+    }
     const auto sum = static_cast<std::uint32_t>(checksum_of(std::as_bytes(std::span(key))));
     return {*query.analysis_folder /
-                fmt::format("{}{:g}-{:08x}{}", prefix_of(store), query.traversal.iso, sum, kSuffix),
+                fmt::format("{}{:g}-{:08x}{}", prefix_of(store), t.iso, sum, kSuffix),
             key};
 }
 
@@ -267,17 +261,10 @@ constexpr double kNearest = 0.5;
 constexpr double kNearlyAll = 0.9;
 constexpr int kMaxTries = 3;  ///< between a distance that is too small and one that is not
 
-/// Extracts the surface, makes its ladder and writes the file. `place`: of the mesh.
-void make_analysis(const StoreReader& store, const ExtractQuery& query, const AnalysisName& name,
-                   MeshPlace place, int threads, const ScratchFolder& scratch,
-                   const ExtractOptions& options, Progress& progress) {
-    ExtractQuery full = query;
-    full.stages.distance.reset();
-    full.analysis_folder.reset();
-    ScratchMesh mesh(scratch);
-    ExtractOptions rest = options;
-    rest.quality = false;
-    const ExtractReport r = run_extraction(store, full, mesh, rest, progress);
+/// Makes the ladder of a surface and writes the file. `r`: of its extraction. `place`: of the mesh.
+void make_analysis(const StoreReader& store, const AnalysisName& name, ScratchMesh& mesh,
+                   const ExtractReport& r, MeshPlace place, int threads,
+                   const ScratchFolder& scratch, Progress& progress) {
     // The extraction's own files existed at the same time as the mesh.
     scratch.meter()->add(r.scratch_bytes);
     scratch.meter()->remove(r.scratch_bytes);
@@ -478,7 +465,7 @@ std::optional<ExtractReport> extract_analysed(const StoreReader& store, const Ex
     const auto start = std::chrono::steady_clock::now();
     const DistanceChoice& choice = *asked.stages.distance;
     const std::string name = store.path().string();
-    MeshPlace place = mesh_place(asked, store.layout().header().nodes);
+    MeshPlace place = asked.place(store.layout().header().nodes);
     // Far from 0, float32 rounding may exceed the distance of the first step.
     if (choice.within < kFirstLadderStep * place.voxel() ||
         kFirstLadderStep * place.voxel() < 2 * place.max_moved()) {
@@ -500,7 +487,11 @@ std::optional<ExtractReport> extract_analysed(const StoreReader& store, const Ex
     if (use != AnalysisUse::found) {
         require_place(found.path, store);
         found.file.reset();
-        make_analysis(store, asked, wanted, place, threads, scratch, options, progress);
+        ExtractQuery full = asked;
+        full.stages.distance.reset();
+        ScratchMesh mesh(scratch);
+        const ExtractReport report = extract_in_own_axes(store, full, mesh, options, progress);
+        make_analysis(store, wanted, mesh, report, place, threads, scratch, progress);
         found = find_analysis(store, wanted);
     }
     if (found.state != AnalysisState::current) {

@@ -452,21 +452,22 @@ void require_components(const ComponentChoice& choice) {
     }
 }
 
-void require_float32(const StoreReader& store, const ExtractQuery& query) {
+void require_float32_places(const StoreReader& store, const LatticeSteps& steps,
+                            const Double3& origin, bool has_heights) {
     const Int3 nodes = store.layout().header().nodes;
     for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
-        const bool height = axis == 2 && query.product == Product::graph;
+        const bool height = axis == 2 && has_heights;
         const auto ends =
             height ? value_range(store) : std::array{0.0, static_cast<double>(nodes[axis] - 1)};
         const auto reach =
-            height || !query.steps.is_sheared()
-                ? std::array{query.origin[a] + query.steps.offset(a, ends[0]),
-                             query.origin[a] + query.steps.offset(a, ends[1])}
+            height || !steps.is_sheared()
+                ? std::array{origin[a] + steps.offset(a, ends[0]),
+                             origin[a] + steps.offset(a, ends[1])}
                 : reach_of({0, 0, 0},
                            {static_cast<double>(nodes.x - 1), static_cast<double>(nodes.y - 1),
                             static_cast<double>(nodes.z - 1)},
-                           query.steps, query.origin, a);
+                           steps, origin, a);
         for (const double end : reach) {
             require_float32(
                 store, end,
@@ -475,11 +476,11 @@ void require_float32(const StoreReader& store, const ExtractQuery& query) {
                        : Remedy{RemedyKind::place_in_world, "spacing,origin"});
         }
     }
-    if (query.traversal.attributes.value && !query.traversal.attributes.wide_value) {
-        const StoreReader& values = query.values != nullptr ? *query.values : store;
-        for (const double end : value_range(values)) {
-            require_float32(values, end, "values reach", {RemedyKind::scale_values});
-        }
+}
+
+void require_float32_values(const StoreReader& store) {
+    for (const double end : value_range(store)) {
+        require_float32(store, end, "values reach", {RemedyKind::scale_values});
     }
 }
 

@@ -76,8 +76,11 @@ void require_simplifiable(const std::optional<Effort>& effort, bool may_change);
 /// Throws Error{invalid_argument} for an invalid minimum volume.
 void require_components(const ComponentChoice& choice);
 
-/// Throws Error{limit} if the mesh would need numbers beyond float32: coordinates, heights, or
-/// values that the mesh stores as float32.
-void require_float32(const StoreReader& store, const ExtractQuery& query);
+/// Throws Error{limit} if the mesh would need coordinates beyond float32. `has_heights`: those
+/// along z are values.
+void require_float32_places(const StoreReader& store, const LatticeSteps& steps,
+                            const Double3& origin, bool has_heights);
+/// The same for values that the mesh stores as float32.
+void require_float32_values(const StoreReader& store);
 
 }  // namespace isonest::detail

@@ -14,11 +14,6 @@ double range_of(const StoreReader& values) {
     return std::max(values.max_value() - values.min_value(), 0.0);
 }
 
-/// Range of the values that the query asks about, which may be those of another store.
-double range_of(const ExtractQuery& query, const StoreReader& store) {
-    return range_of(query.values != nullptr ? *query.values : store);
-}
-
 /// Whether an indicator's numbers are errors of values.
 bool is_error_of_values(Field field) {
     const Indicator indicator = indicator_of(field);
@@ -31,11 +26,11 @@ ReportSum::ReportSum(const ExtractQuery& query, const StoreReader* store, const 
                      const TraversalResult& traversal)
     : shows_values_(query.product != Product::surface && query.product != Product::isolines),
       stops_at_distance_(query.nested_distance.has_value()),
-      place_(mesh_place(query, nodes)) {
+      place_(query.place(nodes)) {
     report_.tolerance = query.tolerance;
     if (store != nullptr) {
         report_.dimension = store->layout().lattice().dimension();
-        report_.value_range = range_of(query, *store);
+        report_.value_range = range_of(query.values_in(*store));
         report_.data_tolerance = tolerance_of(*store);
         report_.traversal.chunks_total = store->layout().rows();
     }
@@ -45,10 +40,6 @@ ReportSum::ReportSum(const ExtractQuery& query, const StoreReader* store, const 
     if (query.traversal.box.close) {
         report_.closing = ClosingReport{*query.traversal.box.close};
     }
-    add_traversal(query, traversal);
-}
-
-void ReportSum::add_traversal(const ExtractQuery& query, const TraversalResult& traversal) {
     const TraversalQuery& asked = query.traversal;
     const TraversalCounts& counts = traversal.counts;
     TraversalReport& report = report_.traversal;
@@ -133,13 +124,32 @@ ExtractReport measured(ExtractReport report, const MeasuringSink& sink) {
     return report;
 }
 
-ExtractReport turned(ExtractReport report, const RotatedSink& sink, const LatticeSteps& steps) {
-    const double moved = sink.rounding();
-    if (report.distance && report.distance->bound > 0) {
-        report.distance->bound += moved;
+WorldOutput::WorldOutput(MeshSink& sink, const ExtractQuery& query, bool with_quality)
+    : sink_(sink), steps_(query.steps) {
+    if (query.rotation) {
+        turning_.emplace(sink, query.rotation->about, query.rotation->direction);
     }
-    report.coordinate_rounding += max_in_lattice({moved, moved, moved}, steps);
-    report.mending.zero_area = sink.zero_area_triangles();
+    if (query.corners() == 3) {
+        measuring_.emplace(turning_ ? *turning_ : sink, with_quality);
+    }
+}
+
+MeshSink& WorldOutput::sink() {
+    return measuring_ ? *measuring_ : turning_ ? static_cast<MeshSink&>(*turning_) : sink_;
+}
+
+ExtractReport WorldOutput::report(ExtractReport report) const {
+    if (measuring_) {
+        report = measured(std::move(report), *measuring_);
+    }
+    if (turning_) {
+        const double moved = turning_->rounding();
+        if (report.distance && report.distance->bound > 0) {
+            report.distance->bound += moved;
+        }
+        report.coordinate_rounding += max_in_lattice({moved, moved, moved}, steps_);
+        report.mending.zero_area = turning_->zero_area_triangles();
+    }
     return report;
 }
 
@@ -165,7 +175,7 @@ ExtractReport analysed(const ExtractQuery& query, const StoreReader& store,
     }
     report.coordinate_rounding = surface.coordinate_rounding;
     report.value_rounding = surface.value_rounding;
-    report.value_range = range_of(query, store);
+    report.value_range = range_of(query.values_in(store));
     report.traversal.cells = query.traversal.cells;
     report.traversal.stop = query.traversal.stop;
     report.traversal.bound = query.traversal.bound;

@@ -49,8 +49,6 @@ class ReportSum {
     [[nodiscard]] ExtractReport sum(std::uint64_t scratch_bytes) const;
 
   private:
-    void add_traversal(const ExtractQuery& query, const TraversalResult& traversal);
-
     bool shows_values_;  ///< the rounding of values is part of the error
     bool stops_at_distance_;
     MeshPlace place_;
@@ -60,9 +58,24 @@ class ReportSum {
 /// The report with the measurements made on the way to a sink.
 ExtractReport measured(ExtractReport report, const MeasuringSink& sink);
 
-/// The report for a mesh in the volume's own axes after its rotation, which rounds positions again
-/// and may leave triangles without area. `steps`: of the volume.
-ExtractReport turned(ExtractReport report, const RotatedSink& sink, const LatticeSteps& steps);
+/// Measures the triangles of a mesh in the volume's own axes, and rotates it into the world's, on
+/// its way to a sink.
+class WorldOutput {
+  public:
+    /// The sink must outlive it.
+    WorldOutput(MeshSink& sink, const ExtractQuery& query, bool with_quality);
+
+    [[nodiscard]] MeshSink& sink();
+    /// The report for the mesh that was passed to sink(). Rotation rounds positions again and may
+    /// leave triangles without area.
+    [[nodiscard]] ExtractReport report(ExtractReport report) const;
+
+  private:
+    MeshSink& sink_;
+    LatticeSteps steps_;
+    std::optional<RotatedSink> turning_;
+    std::optional<MeasuringSink> measuring_;
+};
 
 /// The result of an extraction from a kept analysis.
 struct AnalysedMesh {

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include <isonest/error.h>
+#include <isonest/vertex_fields.h>
 
 #include "store/base/label_text.h"
 #include "store/base/vectors.h"
@@ -48,21 +49,6 @@ std::array<float, 3> turned(const std::array<float, 3>& p) {
     return {0 - p[0], 0 - p[1], p[2]};
 }
 
-/// The colour of a value, in numbers of 16 bits.
-std::array<double, 3> color_of(const ColorScale& scale, double value) {
-    constexpr std::size_t kLast = std::tuple_size_v<decltype(scale.map)> - 1;
-    const double part = (value - scale.low) / (scale.high - scale.low);
-    // Not std::clamp, so that NaN gets the first colour.
-    const double at = part > 0 ? std::min(part, 1.0) * static_cast<double>(kLast) : 0;
-    const auto i = std::min(static_cast<std::size_t>(at), kLast - 1);
-    std::array<double, 3> color{};
-    for (std::size_t c = 0; c < 3; ++c) {
-        const double from = scale.map[i][c];
-        color[c] = from + (at - static_cast<double>(i)) * (scale.map[i + 1][c] - from);
-    }
-    return color;
-}
-
 std::byte* put_color(const ColorScale& scale, const std::byte* row, std::byte* out) {
     double value = 0;
     if (scale.is_double) {
@@ -72,7 +58,12 @@ std::byte* put_color(const ColorScale& scale, const std::byte* row, std::byte* o
         std::memcpy(&number, row + scale.first, sizeof(number));
         value = static_cast<double>(number);
     }
-    for (const double number : color_of(scale, value)) {
+    const auto color = [&scale](std::size_t i) {
+        return Double3{static_cast<double>(scale.map[i][0]), static_cast<double>(scale.map[i][1]),
+                       static_cast<double>(scale.map[i][2])};
+    };
+    // In numbers of 16 bits.
+    for (const double number : color_between(scale.low, scale.high, value, color)) {
         out = scale.form == ColorForm::displayed8
                   ? put(static_cast<std::uint8_t>(std::lround(number / kPerByte)), out)
                   : put(static_cast<std::uint16_t>(std::lround(number)), out);
@@ -489,30 +480,6 @@ AnatomicalFrame frame_in_file(AnatomicalFrame frame, MeshSpace space,
     return wanted;
 }
 
-namespace {
-
-/// Throws Error{invalid_argument} if the names of two attributes are the same in some format, which
-/// ignores case or adds the axis to the name of a component.
-void require_different_names(const MeshLayout& layout, const std::filesystem::path& path) {
-    std::vector<std::string> names;
-    for (const VertexAttribute& attribute : layout.attributes) {
-        const std::string name = semantic_of(attribute);
-        names.push_back(name);
-        if (attribute.components > 1 && !is_of_extraction(attribute)) {
-            names.insert(names.end(), {name + "_X", name + "_Y", name + "_Z"});
-        }
-    }
-    std::sort(names.begin(), names.end());
-    if (const auto twice = std::adjacent_find(names.begin(), names.end()); twice != names.end()) {
-        throw Error(ErrorKind::invalid_argument, {path.string()},
-                    fmt::format("two attributes of the vertices have the name {} (upper and lower "
-                                "case are the same in some formats)",
-                                twice->substr(1)));
-    }
-}
-
-}  // namespace
-
 void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) {
     check_output(path_, options_.replace, {inputs.begin(), inputs.end()});
     frame_in_file(layout.frame, options_.space, path_);
@@ -538,7 +505,12 @@ void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem
                     fmt::format("the format cannot store {} at the vertices", field->name),
                     {{RemedyKind::other_format, ".ply, .vtp, .vtkhdf, .glb"}});
     }
-    require_different_names(layout, path_);
+    if (const auto twice = VertexFields::name_used_twice(layout.attributes)) {
+        throw Error(ErrorKind::invalid_argument, {path_.string()},
+                    fmt::format("two attributes of the vertices have the name {} (upper and lower "
+                                "case are the same in some formats)",
+                                *twice));
+    }
     const bool turns =
         sign_between(layout.frame, frame_in_file(layout.frame, options_.space, path_)) < 0;
     const auto vector =

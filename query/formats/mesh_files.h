@@ -1,6 +1,7 @@
 // The mesh formats: each is a sink that writes a file.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -10,6 +11,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -129,6 +131,24 @@ std::unique_ptr<MeshSink> ngmesh_file(const std::filesystem::path& path, const M
 /// How a row stores a vertex's colour: not; red, green, blue as displayed, one byte each; or red,
 /// green, blue and an alpha of 1 as linear numbers of 16 bits.
 enum class ColorForm : std::uint32_t { none, displayed8, linear16 };
+
+/// The colour of a value: linear between color(0) for `low` and color(255) for `high`, and all
+/// those between.
+template <class Color>
+Double3 color_between(double low, double high, double value, const Color& color) {
+    constexpr std::size_t kLast = std::tuple_size_v<decltype(VertexColors::map)> - 1;
+    const double part = (value - low) / (high - low);
+    // Not std::clamp, so that NaN gets the first colour.
+    const double at = part > 0 ? std::min(part, 1.0) * static_cast<double>(kLast) : 0;
+    const auto i = std::min(static_cast<std::size_t>(at), kLast - 1);
+    const Double3 from = color(i);
+    const Double3 to = color(i + 1);
+    Double3 between{};
+    for (std::size_t c = 0; c < 3; ++c) {
+        between[c] = from[c] + (at - static_cast<double>(i)) * (to[c] - from[c]);
+    }
+    return between;
+}
 
 /// Colours by an attribute, as plain numbers.
 struct ColorScale {

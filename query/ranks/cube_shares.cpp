@@ -51,11 +51,12 @@ struct Groups {
 /// Counts the cubes of 8^3 cells that may contain something to march.
 class CubeCounts {
   public:
-    CubeCounts(const ChunkSource& source, const TraversalQuery& query,
-               std::span<const double> isovalues)
+    CubeCounts(const ChunkSource& source, const ClipBox& box,
+               const std::optional<LatticePlane>& plane, std::span<const double> isovalues)
         : source_(source),
           layout_(source.layout()),
-          query_(query),
+          box_(box),
+          plane_(plane),
           isovalues_(isovalues),
           cells_(max(layout_.header().nodes - kOne, kOne)) {}
 
@@ -89,13 +90,13 @@ class CubeCounts {
     [[nodiscard]] bool may_hold(const Int3& brick) const {
         const Int3 low = brick * layout_.header().chunk;
         const Int3 high = low + kOne * layout_.header().chunk;
-        if (overlap_of(query_.box, low, high) == Overlap::outside) {
+        if (overlap_of(box_, low, high) == Overlap::outside) {
             return false;
         }
-        return query_.plane ? is_cut(low, high)
-                            : std::any_of(isovalues_.begin(), isovalues_.end(), [&](double iso) {
-                                  return may_hold_surface(source_, brick, iso, query_.box);
-                              });
+        return plane_ ? is_cut(low, high)
+                      : std::any_of(isovalues_.begin(), isovalues_.end(), [&](double iso) {
+                            return may_hold_surface(source_, brick, iso, box_);
+                        });
     }
     [[nodiscard]] std::uint64_t count_cubes(const Int3& low, const Int3& high) const {
         if (layout_.lattice().top() < kFirstRangeLevel) {
@@ -112,7 +113,7 @@ class CubeCounts {
         return found;
     }
     [[nodiscard]] bool may_be_marched(const Int3& cube) const {
-        if (query_.plane) {
+        if (plane_) {
             return is_cut(cube * kFirstRangeEdge, (cube + kOne) * kFirstRangeEdge);
         }
         if (!layout_.has_cube_ranges(kFirstRangeLevel)) {
@@ -127,7 +128,7 @@ class CubeCounts {
         bool above = false;
         for (unsigned corner = 0; corner < 8; ++corner) {
             const double distance =
-                query_.plane->distance(low + corner_offset(corner) * (high.x - low.x));
+                plane_->distance(low + corner_offset(corner) * (high.x - low.x));
             below = below || distance < 0;
             above = above || distance >= 0;
         }
@@ -136,7 +137,8 @@ class CubeCounts {
 
     const ChunkSource& source_;
     const StoreLayout& layout_;
-    const TraversalQuery& query_;
+    const ClipBox& box_;
+    const std::optional<LatticePlane>& plane_;
     std::span<const double> isovalues_;
     Int3 cells_;
 };
@@ -193,13 +195,13 @@ Numbers borders_of(const Groups& groups, const Numbers& counts, std::uint64_t ra
 
 }  // namespace
 
-CubeShare share_of(Communicator& ranks, const ChunkSource& source, const TraversalQuery& query,
-                   std::span<const double> isovalues) {
+CubeShare share_of(Communicator& ranks, const ChunkSource& source, const ClipBox& box,
+                   const std::optional<LatticePlane>& plane, std::span<const double> isovalues) {
     if (ranks.size() == 1) {
         return {};
     }
     const Groups groups(source.layout());
-    const Numbers counts = all_counts(ranks, groups, CubeCounts(source, query, isovalues));
+    const Numbers counts = all_counts(ranks, groups, CubeCounts(source, box, plane, isovalues));
     Numbers borders;
     if (ranks.rank() == 0) {
         borders = borders_of(groups, counts, static_cast<std::uint64_t>(ranks.size()));

@@ -43,10 +43,10 @@ struct RankTeam {
     RankWork work = {};  ///< of this rank
 };
 
-/// This rank's share. `isovalues`: instead of query.iso; ignored for a query with a plane. Every
+/// This rank's share of the surfaces in `box` or, if there is one, of the slice in `plane`. Every
 /// cell belongs to exactly one rank. Collective. Throws Error{cancelled}, and what the source
 /// throws except for damage, which is reported when the chunk is needed.
-CubeShare share_of(Communicator& ranks, const ChunkSource& source, const TraversalQuery& query,
-                   std::span<const double> isovalues);
+CubeShare share_of(Communicator& ranks, const ChunkSource& source, const ClipBox& box,
+                   const std::optional<LatticePlane>& plane, std::span<const double> isovalues);
 
 }  // namespace isonest::detail

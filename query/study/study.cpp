@@ -42,11 +42,11 @@ TraversalQuery surface_query(const StoreReader& store, double iso, Field stop, d
 }
 
 /// Counts what that extraction visits.
-VisitCounts count_surface(ChunkCache& cache, const TraversalQuery& query,
-                          std::size_t part_vertices) {
+VisitCounts count_surface(ChunkCache& cache, const StoreReader& store, double iso, Field stop,
+                          double threshold, std::size_t part_vertices) {
     const PartSink nowhere = [](std::uint64_t, const MeshPart&) {};
-    const TraversalCounts counts =
-        traverse(cache, query, part_vertices, nowhere, silent_progress());
+    const TraversalCounts counts = traverse(cache, surface_query(store, iso, stop, threshold),
+                                            part_vertices, nowhere, silent_progress());
     VisitCounts visits;
     visits.visited = counts.visited;
     visits.leaves = counts.leaves;
@@ -72,15 +72,16 @@ Shares share(const StoreReader& store, const StudyOptions& options, std::optiona
     const std::uint64_t largest = largest_chunk_bytes(layout);
     // One chunk is held, one more is in the cache.
     const std::uint64_t each = decode_heap(largest) + 2 * largest + kIndicatorBoxHeap;
-    std::vector<TraversalQuery> extractions;
+    std::vector<TraversalHeap> extractions;
     for (const AnyField& field : options.fields) {
         if (options.iso && is_of_cells(field)) {
-            extractions.push_back(surface_query(store, *options.iso, std::get<Field>(field), 0));
+            extractions.emplace_back(layout,
+                                     surface_query(store, *options.iso, std::get<Field>(field), 0));
         }
     }
     std::uint64_t least = each;
-    for (const TraversalQuery& query : extractions) {
-        least = std::max(least, min_heap(store, query, nullptr));
+    for (const TraversalHeap& heap : extractions) {
+        least = std::max(least, heap.thread());
     }
     Shares shares;
     const std::string what = "a study of this volume";
@@ -92,9 +93,9 @@ Shares share(const StoreReader& store, const StudyOptions& options, std::optiona
     shares.threads = memory.threads_of(each, what);
     shares.cache =
         memory.left() - static_cast<std::uint64_t>(shares.threads) * (each - 2 * largest);
-    for (const TraversalQuery& query : extractions) {
+    for (const TraversalHeap& heap : extractions) {
         const TraversalBudget budget =
-            share_memory(store, query, nullptr, memory.with_threads(shares.threads), false);
+            heap.share(memory.with_threads(shares.threads), store.is_remote(), false);
         shares = {budget.threads, std::min(shares.cache, budget.cache), budget.part_vertices};
     }
     return shares;
@@ -266,9 +267,8 @@ Study study(const StoreReader& store, StudyOptions options, Progress& progress) 
                 }
                 if (options.iso) {
                     const VisitCounts surface =
-                        cells ? count_surface(
-                                    cache, surface_query(store, *options.iso, *stored, threshold),
-                                    shares.part_vertices)
+                        cells ? count_surface(cache, store, *options.iso, *stored, threshold,
+                                              shares.part_vertices)
                               : whole.count_surface(threshold, *options.iso);
                     row.iso_visited = surface.visited;
                     row.iso_leaves = surface.leaves;

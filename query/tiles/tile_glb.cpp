@@ -191,20 +191,10 @@ std::array<double, 3> linear_color(const LabelColor& shown) {
     return {linear_of(shown[0]), linear_of(shown[1]), linear_of(shown[2])};
 }
 
-/// The colour of a value, linear between those of the map.
 Color16 color_of(const VertexColors& colors, double value) {
-    constexpr double kLast = std::tuple_size_v<decltype(colors.map)> - 1;
-    const double at = value > colors.low
-                          ? std::min((value - colors.low) / (colors.high - colors.low), 1.0) * kLast
-                          : 0;
-    const auto i = std::min(static_cast<std::size_t>(at), static_cast<std::size_t>(kLast) - 1);
-    const auto from = linear_color(colors.map[i]);
-    const auto to = linear_color(colors.map[i + 1]);
-    std::array<double, 3> linear{};
-    for (std::size_t c = 0; c < 3; ++c) {
-        linear[c] = from[c] + (at - static_cast<double>(i)) * (to[c] - from[c]);
-    }
-    return linear16(linear);
+    return linear16(color_between(colors.low, colors.high, value, [&colors](std::size_t i) {
+        return linear_color(colors.map[i]);
+    }));
 }
 
 template <class T>

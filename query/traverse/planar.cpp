@@ -186,8 +186,7 @@ TraversalCounts traverse_triangles(TraversalRun& run, const Interest& interest, 
         run, interest, stop, kTopLevels, [&] { return Action(run); },
         [&] {
             return element_scout<Element<2>>(NodeSampler(run.cache), InBox{run.query.box}, interest,
-                                             stop,
-                                             SimplexNeeds(run.cache, run.query, asked, reads));
+                                             stop, SimplexNeeds(run, asked, reads));
         });
 }
 
@@ -198,22 +197,18 @@ TraversalCounts traverse_quadrilaterals(TraversalRun& run) {
         [&] {
             return element_scout<Cell>(
                 HexProjection(run.cache, run.query.stop, run.query.tolerance.threshold()),
-                InBox{run.query.box}, Everything{}, stop,
-                CellNeeds(run.layout(), run.query, false));
+                InBox{run.query.box}, Everything{}, stop, CellNeeds(run, false));
         });
 }
 
 }  // namespace
 
-TraversalCounts traverse_planar(ChunkCache& cache, const TraversalQuery& query, PlanarKind kind,
-                                std::size_t part_vertices, const PartSink& sink,
-                                Progress& progress) {
-    TraversalRun run(cache, query, part_vertices, sink, progress);
+TraversalCounts traverse_planar(TraversalRun& run, PlanarKind kind) {
     if (kind == PlanarKind::isolines) {
-        const HoldsIsovalue interest{query.iso, query.bound, run.layout().header().steps()};
+        const HoldsIsovalue interest{run.query.iso, run.query.bound, run.layout().header().steps()};
         return traverse_triangles<MarchLines>(run, interest, LeafReads::edges);
     }
-    return query.cells == Cells::hexahedra
+    return run.query.cells == Cells::hexahedra
                ? traverse_quadrilaterals(run)
                : traverse_triangles<TriangleGraph>(run, Everything{}, LeafReads::nodes);
 }

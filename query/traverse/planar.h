@@ -22,8 +22,6 @@ enum class PlanarKind {
 /// holes. A graph's third coordinate is U itself. Deterministic. REQUIRES: the lattice has
 /// dimension 2, and for a graph its flat axis is z; for quadrilaterals the tolerance is the same
 /// everywhere. Throws as traverse() does.
-TraversalCounts traverse_planar(ChunkCache& cache, const TraversalQuery& query, PlanarKind kind,
-                                std::size_t part_vertices, const PartSink& sink,
-                                Progress& progress);
+TraversalCounts traverse_planar(TraversalRun& run, PlanarKind kind);
 
 }  // namespace isonest::detail

@@ -152,14 +152,6 @@ std::uint64_t table_heap(const StoreLayout& layout);
 /// Heap of the lists of cubes that one thread passes down.
 std::uint64_t list_heap(const StoreLayout& layout);
 
-/// Maximum heap of chunks that one thread holds at the same time while it processes a brick.
-/// `values_elsewhere`: whether vertex values are taken from another store.
-std::uint64_t chunk_heap(const StoreLayout& layout, const TraversalQuery& query,
-                         bool values_elsewhere);
-
-/// The same in the store of TraversalQuery::attribute_values.
-std::uint64_t attribute_heap(const StoreLayout& layout);
-
 // Distribution of a traversal's memory.
 
 struct TraversalBudget {
@@ -171,23 +163,42 @@ struct TraversalBudget {
     std::uint64_t waiting = 0;  ///< TraversalQuery::waiting_lists; 0 unless the store is remote
 };
 
-/// Heap that one thread needs in addition to kLibraryHeap. `values`: as below.
-std::uint64_t min_heap(const StoreReader& store, const TraversalQuery& query,
-                       const StoreReader* values);
+/// What the threads of a traversal need. `isovalues`: the number given to traverse_isovalues().
+class TraversalHeap {
+  public:
+    /// `values`: of another store, from which vertex values are taken, or null. Both must outlive
+    /// it.
+    TraversalHeap(const StoreLayout& layout, const TraversalQuery& query,
+                  const StoreLayout* values = nullptr);
 
-/// Distributes the memory; if it is too small, fewer threads are used. `values`: another store from
-/// which vertex values are taken, or null. `keep_parts`: whether finished parts are kept.
-/// `isovalues`: the number given to traverse_isovalues(). Throws Error{limit} with the minimum
-/// memory required.
-TraversalBudget share_memory(const StoreReader& store, const TraversalQuery& query,
-                             const StoreReader* values, const MemoryShare& memory, bool keep_parts,
-                             std::uint64_t isovalues = 1);
+    /// Maximum heap of chunks of the store that one thread holds at the same time while it
+    /// processes a brick of one isovalue.
+    [[nodiscard]] std::uint64_t chunks() const { return chunks_; }
+    /// Heap that one thread needs in addition to kLibraryHeap.
+    [[nodiscard]] std::uint64_t thread(std::uint64_t isovalues = 1) const;
+    /// For how many isovalues (1 ... `wanted`) the memory suffices at the same time with the
+    /// requested number of threads. Half of the memory is reserved for parts and cache.
+    [[nodiscard]] std::uint64_t isovalues_at_once(const MemoryShare& memory,
+                                                  std::uint64_t wanted) const;
+    /// Distributes the memory; if it is too small, fewer threads are used. `is_remote`: the store.
+    /// `keep_parts`: whether finished parts are kept. Throws Error{limit} with the minimum memory
+    /// required.
+    [[nodiscard]] TraversalBudget share(const MemoryShare& memory, bool is_remote, bool keep_parts,
+                                        std::uint64_t isovalues = 1) const;
 
-/// For how many isovalues (1 ... `wanted`) the memory suffices at the same time with the requested
-/// number of threads. Half of the memory is reserved for parts and cache.
-std::uint64_t isovalues_at_once(const StoreReader& store, const TraversalQuery& query,
-                                const StoreReader* values, const MemoryShare& memory,
-                                std::uint64_t wanted);
+  private:
+    /// The sampling of attributes and crossings holds its own chunks for each isovalue.
+    [[nodiscard]] std::uint64_t all_chunks(std::uint64_t isovalues) const {
+        return (samples_ ? isovalues : 1) * chunks_;
+    }
+
+    const StoreLayout& layout_;
+    const StoreLayout* values_;
+    bool has_attributes_;
+    bool samples_;
+    std::uint64_t chunks_;
+    std::uint64_t value_chunks_ = 0;  ///< of the other store
+};
 
 // One call of traverse(): state shared by its bricks and threads, and the loops over bricks.
 
@@ -210,6 +221,11 @@ struct TraversalRun {
                  const PartSink& to, Progress& reports);
 
     [[nodiscard]] const StoreLayout& layout() const { return cache.source().layout(); }
+    /// Whether every node refines; the coarser levels are then not needed.
+    [[nodiscard]] bool is_finest() const {
+        return query.tolerance.is_zero() && !query.plane &&
+               layout().lattice().cells_at(0).product() > 0;
+    }
     /// Sum over all threads.
     [[nodiscard]] TraversalCounts total() const;
     /// Marks a brick as done. The bricks before it along each axis, which come later, need only the

@@ -358,17 +358,27 @@ bool VertexFields::is_reserved(const std::string& name) {
                        [&](const char* reserved) { return upper == reserved; });
 }
 
-VertexFields::VertexFields(std::vector<VertexField> fields, const ReadOptions& options) {
+std::optional<std::string> VertexFields::name_used_twice(
+    std::span<const VertexAttribute> attributes) {
     std::vector<std::string> names;
+    for (const VertexAttribute& attribute : attributes) {
+        const std::string name = detail::in_upper_case(attribute.name);
+        names.push_back(name);
+        if (attribute.components > 1 && attribute.name != "normal") {
+            names.insert(names.end(), {name + "_X", name + "_Y", name + "_Z"});
+        }
+    }
+    std::sort(names.begin(), names.end());
+    const auto twice = std::adjacent_find(names.begin(), names.end());
+    return twice != names.end() ? std::optional(*twice) : std::nullopt;
+}
+
+VertexFields::VertexFields(std::vector<VertexField> fields, const ReadOptions& options) {
+    std::vector<VertexAttribute> attributes;
     std::vector<const Store*> stores;
     for (const VertexField& field : fields) {
         detail::require_name(field.name);
-        // Some formats add the axis to the name of a component.
-        for (const char* const end : {"", "_X", "_Y", "_Z"}) {
-            if (*end == '\0' || field.components.size() > 1) {
-                names.push_back(detail::in_upper_case(field.name) + end);
-            }
-        }
+        attributes.push_back({field.name, static_cast<int>(field.components.size())});
         if (field.components.size() != 1 && field.components.size() != 3) {
             throw Error(ErrorKind::invalid_argument,
                         fmt::format("{}: vertex values have 1 or 3 components, not {}", field.name,
@@ -376,8 +386,7 @@ VertexFields::VertexFields(std::vector<VertexField> fields, const ReadOptions& o
         }
         stores.insert(stores.end(), field.components.begin(), field.components.end());
     }
-    std::sort(names.begin(), names.end());
-    if (const auto twice = std::adjacent_find(names.begin(), names.end()); twice != names.end()) {
+    if (const auto twice = name_used_twice(attributes)) {
         throw Error(
             ErrorKind::invalid_argument,
             fmt::format("two vertex values, or components of them, have the name {} (upper and "

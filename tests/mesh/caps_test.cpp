@@ -17,23 +17,6 @@ using namespace isonest::detail::test;
 
 namespace {
 
-template <class T>
-double trilinear_value(const FunctionVolume<T>& volume, const Double3& p) {
-    double sum = 0;
-    for (std::int64_t corner = 0; corner < 8; ++corner) {
-        double weight = 1;
-        Int3 node;
-        for (int axis = 0; axis < 3; ++axis) {
-            const double x = p[static_cast<std::size_t>(axis)];
-            const bool high = (corner >> axis & 1) != 0;
-            weight *= high ? x - std::floor(x) : 1 - (x - std::floor(x));
-            node[axis] = static_cast<std::int64_t>(std::floor(x)) + (high ? 1 : 0);
-        }
-        sum += weight * volume.at(node);
-    }
-    return sum;
-}
-
 Mesh mesh_of(const MeshCollector& collected) {
     Mesh mesh;
     mesh.vertices = collected.vertices;
@@ -212,7 +195,7 @@ TEST_CASE("vertices of caps have the function's value and the direction of its g
     for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
         const Double3 p = point_at(mesh.vertices[v]);
         const double expected =
-            cells == Cells::hexahedra ? trilinear_value(volume, p) : fine_value(volume, p);
+            cells == Cells::hexahedra ? trilinear(volume, p) : fine_value(volume, p);
         CHECK(mesh.values[v] == Approx(expected).margin(1e-5));
         CHECK(mesh.values[v] > 0.1 - 1e-5);
         above += mesh.values[v] > 0.1 + 1e-5 ? 1 : 0;

@@ -3,8 +3,9 @@
 #include <cstdio>
 #include <cstdlib>
 
+#include <isonest/export_field.h>
+
 #include "query/check/check.h"
-#include "query/extract/export.h"
 #include "query/values/node_sampler.h"
 #include "store/lattice/simplex.h"
 #include "tests/support/bisection_oracle.h"
@@ -21,7 +22,7 @@ std::vector<float> exported(const StoreReader& store, Field field,
     ExportOptions options;
     options.field = field;
     options.force = true;
-    export_field(store, path, options, silent_progress());
+    export_field(Store(store.path()), path, options);
     const std::string bytes = read_file(path);
     std::vector<float> out(bytes.size() / 4);
     std::memcpy(out.data(), bytes.data(), bytes.size());

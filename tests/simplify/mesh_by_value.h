@@ -212,35 +212,6 @@ void require_within(const Volume<T>& volume, double iso, double error,
     REQUIRE(most > 0);
 }
 
-/// Trilinear between the nodes of each finest cell; NaN beside a missing node, except for nodes of
-/// negligible weight.
-template <class T>
-double trilinear(const FunctionVolume<T>& volume, const Double3& p) {
-    const Int3 last = volume.nodes() - Int3{1, 1, 1};
-    Int3 cell;
-    Double3 share{};
-    for (int axis = 0; axis < 3; ++axis) {
-        const auto a = static_cast<std::size_t>(axis);
-        const double x = std::clamp(p[a], 0.0, static_cast<double>(last[axis]));
-        cell[axis] = std::min(static_cast<std::int64_t>(std::floor(x)), last[axis] - 1);
-        share[a] = x - static_cast<double>(cell[axis]);
-    }
-    double sum = 0;
-    for (int i = 0; i < 8; ++i) {
-        const Int3 corner{i & 1, i >> 1 & 1, i >> 2 & 1};
-        double weight = 1;
-        for (int axis = 0; axis < 3; ++axis) {
-            const auto a = static_cast<std::size_t>(axis);
-            weight *= corner[axis] != 0 ? share[a] : 1 - share[a];
-        }
-        const auto value = static_cast<double>(volume.at(cell + corner));
-        if (weight > 1e-4 || (weight > 0 && std::isfinite(value))) {
-            sum += weight * value;
-        }
-    }
-    return sum;
-}
-
 template <class T>
 double max_sampled(const FunctionVolume<T>& volume, double iso, const Triangle& t, int steps) {
     double most = 0;

@@ -131,26 +131,6 @@ void require_whole(const Mesh& mesh, const Int3& n) {
     CHECK(faults.flat_triangles == 0);
 }
 
-/// Trilinear in unit cells.
-template <class T>
-double trilinear_value(const FunctionVolume<T>& volume, const std::array<float, 3>& p) {
-    Int3 low;
-    for (int axis = 0; axis < 3; ++axis) {
-        low[axis] = static_cast<std::int64_t>(std::floor(p[static_cast<std::size_t>(axis)]));
-    }
-    double sum = 0;
-    for (unsigned c = 0; c < 8; ++c) {
-        double weight = 1;
-        for (int axis = 0; axis < 3; ++axis) {
-            const double t = static_cast<double>(p[static_cast<std::size_t>(axis)]) -
-                             static_cast<double>(low[axis]);
-            weight *= (c >> static_cast<unsigned>(axis) & 1U) != 0 ? t : 1 - t;
-        }
-        sum += weight * volume.at(low + corner_offset(c));
-    }
-    return sum;
-}
-
 const std::vector<Int3> sizes{{33, 33, 33}, {20, 31, 17}, {3, 40, 5}, {41, 6, 13}, {2, 2, 2}};
 
 }  // namespace
@@ -302,8 +282,10 @@ TEST_CASE("adaptive hexahedral surfaces have no cracks, and their vertices are w
                         }
                         // At the border the side of a coarse triangle is clipped, but not the
                         // function.
-                        most = cut ? most
-                                   : std::max(most, std::fabs(trilinear_value(volume, v) - iso));
+                        most =
+                            cut ? most
+                                : std::max(most,
+                                           std::fabs(trilinear(volume, {v[0], v[1], v[2]}) - iso));
                     }
                     // Vertices are on edges of cells, centres of polygons elsewhere.
                     CHECK(most < 2 * error + 1e-4);
@@ -344,7 +326,7 @@ TEST_CASE("the reported error of adaptive hexahedra includes that of adjacent la
             cut = cut || v[axis] == static_cast<float>(kSize[static_cast<int>(axis)] - 1);
         }
         if (between == 1 && !cut) {
-            most = std::max(most, std::fabs(trilinear_value(volume, v) - iso));
+            most = std::max(most, std::fabs(trilinear(volume, {v[0], v[1], v[2]}) - iso));
         }
     }
     CHECK(most > 0.02);

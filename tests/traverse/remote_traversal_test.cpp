@@ -131,7 +131,7 @@ void require_same_with_little(const StoreReader& store, const Case& c) {
     asked.iso = c.isovalues.front();
     const TraversalQuery query = query_of(store, asked, true).traversal;
     const Outcome local = outcome_of(store, query, c.isovalues, {});
-    const std::uint64_t each = c.isovalues.size() * chunk_heap(store.layout(), query, false);
+    const std::uint64_t each = c.isovalues.size() * TraversalHeap(store.layout(), query).chunks();
     const std::uint64_t chunk = largest_chunk_bytes(store.layout()) + 256;
     for (const int threads : {1, 3}) {
         for (const std::uint64_t waiting : {std::uint64_t{0}, std::uint64_t{100000}}) {

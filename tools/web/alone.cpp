@@ -38,10 +38,6 @@ std::unique_ptr<BlockMapping> mapping_by(RankTeam* team, const MemoryShare& /*me
     return std::make_unique<LocalMapping>();
 }
 
-bool is_shared(const ExtractQuery& /*asked*/) {
-    return false;
-}
-
 bool is_written_by_all(MeshSink& /*sink*/) {
     return false;
 }
@@ -67,8 +63,9 @@ MeshOnRanks mesh_on_ranks(RankTeam& /*team*/, PartStore& /*parts*/,
     nobody_is_there();
 }
 
-CubeShare share_of(Communicator& /*ranks*/, const ChunkSource& /*source*/,
-                   const TraversalQuery& /*query*/, std::span<const double> /*isovalues*/) {
+CubeShare share_of(Communicator& /*ranks*/, const ChunkSource& /*source*/, const ClipBox& /*box*/,
+                   const std::optional<LatticePlane>& /*plane*/,
+                   std::span<const double> /*isovalues*/) {
     nobody_is_there();
 }
 

@@ -512,18 +512,8 @@ std::vector<SlicePicture> look_at_all(const PictureFormat& format,
 
 std::unique_ptr<VolumeSource> open_slices(const PictureFormat& format, const VolumeInput& input,
                                           const SourceOptions& options) {
-    std::vector<std::filesystem::path> files = input.paths;
-    if (input.folder) {
-        files = files_in(input.path(), {format.ending});
-    } else {
-        std::stable_sort(files.begin(), files.end(), [](const auto& a, const auto& b) {
-            return naturally_less(a.string(), b.string());
-        });
-    }
-    const std::string name =
-        files.size() == 1 || input.folder
-            ? input.path().string()
-            : fmt::format("{} and {} more", files.front().string(), files.size() - 1);
+    std::vector<std::filesystem::path> files = input.slices({format.ending});
+    const std::string name = input.name_of_slices(files);
     std::vector<SlicePicture> pictures = look_at_all(format, files, options.max_heap);
     const bool full_range =
         std::any_of(pictures.begin(), pictures.end(),

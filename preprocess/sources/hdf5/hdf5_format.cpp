@@ -143,24 +143,23 @@ class Hdf5Source : public VolumeSource {
     /// The position in time, if there is only one axis of times and the volume has one position on
     /// it.
     [[nodiscard]] std::optional<VolumeTime> time() const {
-        std::optional<VolumeTime> found;
+        std::vector<ArrayAxis> axes;
         for (std::size_t i = 0; i < axes_.size() && i < shape_.dims.size(); ++i) {
-            const bool is_whole =
-                std::find(shape_.axes.begin(), shape_.axes.end(), i) != shape_.axes.end();
-            if (!is_time_name(axes_[i].name) || (is_whole && shape_.dims[i] > 1)) {
-                continue;
-            }
-            if (found) {
-                return std::nullopt;
-            }
-            found.emplace().steps = static_cast<std::int64_t>(shape_.dims[i]);
-            const std::size_t at = shape_.at.empty() ? 0 : static_cast<std::size_t>(shape_.at[i]);
-            if (at < axes_[i].coordinates.size()) {
-                found->value = axes_[i].coordinates[at];
-                found->unit = axes_[i].unit;
-            }
+            axes.push_back({axes_[i].name, static_cast<std::int64_t>(shape_.dims[i])});
         }
-        return found;
+        ChosenAxes chosen;
+        std::copy(shape_.axes.begin(), shape_.axes.end(), chosen.axis.begin());
+        const std::optional<std::size_t> axis = time_axis(axes, chosen);
+        if (!axis) {
+            return std::nullopt;
+        }
+        VolumeTime time{{}, {}, axes[*axis].length};
+        const std::size_t at = shape_.at.empty() ? 0 : static_cast<std::size_t>(shape_.at[*axis]);
+        if (at < axes_[*axis].coordinates.size()) {
+            time.value = axes_[*axis].coordinates[at];
+            time.unit = axes_[*axis].unit;
+        }
+        return time;
     }
     [[nodiscard]] Scaling said_scaling() const {
         return cf_scaling(

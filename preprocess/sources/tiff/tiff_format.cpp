@@ -168,18 +168,8 @@ std::unique_ptr<VolumeSource> open_images(const TiffPages& pages, const PagePlac
 }
 
 std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOptions& options) {
-    std::vector<std::filesystem::path> files = input.paths;
-    if (input.folder) {
-        files = files_in(input.path(), {".tif", ".tiff"});
-    } else {
-        std::stable_sort(files.begin(), files.end(), [](const auto& a, const auto& b) {
-            return naturally_less(a.string(), b.string());
-        });
-    }
-    const std::string name =
-        files.size() == 1 || input.folder
-            ? input.path().string()
-            : fmt::format("{} and {} more", files.front().string(), files.size() - 1);
+    std::vector<std::filesystem::path> files = input.slices({".tif", ".tiff"});
+    const std::string name = input.name_of_slices(files);
     auto pages = std::make_unique<TiffPages>(std::move(files), options.max_heap);
     const TiffPage& page = pages->page();
     const bool is_stack = pages->planes_of_stack() > 1;

@@ -1,26 +1,30 @@
 #include "query/extract/labels/extract_labels.h"
 
 #include <fmt/format.h>
-#include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
-#include <cmath>
+#include <chrono>
+#include <filesystem>
+#include <iterator>
 #include <memory>
+#include <numeric>
+#include <optional>
 #include <string>
 #include <utility>
 
 #include <isonest/error.h>
-#include <isonest/extract.h>
 #include <isonest/neuroglancer_meshes.h>
 
 #include "query/extract/labels/label_net.h"
 #include "query/extract/report.h"
+#include "query/mesh/measuring_sink.h"
 #include "query/neuroglancer/cut_mesh.h"
 #include "query/neuroglancer/encode_fragment.h"
 #include "query/neuroglancer/label_files.h"
+#include "query/neuroglancer/shards.h"
 #include "query/statistics/find_labels.h"
-#include "store/base/vectors.h"
 #include "store/base/workers.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 namespace {
@@ -132,20 +136,30 @@ class LabelDetails {
     const Progress& progress_;
 };
 
-}  // namespace
-
+/// The settings of a net with details.
 DetailSetting detail_setting(const StoreHeader& header) {
     // The last level is within 32 voxels, if no distance is requested.
     constexpr int kMaxLevels = 8;
     return {half_step(kChunk) * diagonal_of_voxel(header), kMaxLevels, kFragmentHeap};
 }
 
-NeuroglancerReport write_label_details(const LabelNet& net, const StoreHeader& header,
-                                       std::size_t number, const Label& label,
-                                       const std::filesystem::path& folder, Shards* shards,
-                                       const Progress& progress) {
-    return LabelDetails(net, header, progress).write(number, label, folder, shards);
-}
+using Clock = std::chrono::steady_clock;
+
+/// Labels sorted by id.
+struct SortedLabels {
+    std::vector<Label> labels;
+    std::vector<std::size_t> places;  ///< of each in the caller's list
+
+    explicit SortedLabels(std::span<const Label> given) : places(given.size()) {
+        std::iota(places.begin(), places.end(), std::size_t{0});
+        std::sort(places.begin(), places.end(),
+                  [&](std::size_t a, std::size_t b) { return given[a].id < given[b].id; });
+        std::transform(places.begin(), places.end(), std::back_inserter(labels),
+                       [&](std::size_t i) { return given[i]; });
+    }
+};
+
+}  // namespace
 
 std::vector<LabelName> names_of(const Store& store, std::span<const Label> labels) {
     std::vector<LabelName> names;
@@ -174,7 +188,20 @@ void extract_labels(const Store& store, std::span<const Label> labels, const Lab
                     const std::function<void(std::size_t number, const ExtractReport&)>& done,
                     const ExtractOptions& options, Progress& progress) {
     if (query.smooth) {
-        detail::smooth_labels(store.reader(), labels, query, sink, done, options, progress);
+        const detail::StoreReader& reader = store.reader();
+        const detail::SmoothChoice choice = detail::smooth_choice(reader, query);
+        if (labels.empty()) {
+            return;
+        }
+        const detail::SortedLabels sorted(labels);
+        const auto start = detail::Clock::now();
+        const detail::LabelNet net(reader, sorted.labels, choice, options, {}, progress);
+        detail::each_label(detail::kWriteLabels, net.threads(), sorted.labels.size(), progress,
+                           [&](std::size_t i) {
+                               const std::unique_ptr<MeshSink> to = sink(sorted.labels[i]);
+                               done(sorted.places[i],
+                                    detail::timed(net.write_label(i, *to, progress), start));
+                           });
         return;
     }
     if (labels.empty()) {
@@ -188,22 +215,12 @@ void extract_labels(const Store& store, std::span<const Label> labels, const Lab
     each.memory = options.memory / static_cast<std::uint64_t>(together);
     each.threads = std::max(threads / together, 1);
     each.team = nullptr;  // only one thread may use it at a time
-    progress.begin("extract", labels.size(), "labels");
     detail::LabelProgress silent(progress);
-    detail::Workers(together).execute([&] {
-        tbb::parallel_for(
-            tbb::blocked_range<std::size_t>(0, labels.size(), 1),
-            [&](const tbb::blocked_range<std::size_t>& range) {
-                for (std::size_t i = range.begin(); i < range.end(); ++i) {
-                    progress.check();
-                    LabelQuery own = query;
-                    own.label = LabelChoice{labels[i].id, {{labels[i].low, labels[i].high}}};
-                    const std::unique_ptr<MeshSink> to = sink(labels[i]);
-                    done(i, extract(store, own, *to, each, silent));
-                    progress.advance(1);
-                }
-            },
-            tbb::simple_partitioner{});
+    detail::each_label("extract", together, labels.size(), progress, [&](std::size_t i) {
+        LabelQuery own = query;
+        own.label = LabelChoice{labels[i].id, {{labels[i].low, labels[i].high}}};
+        const std::unique_ptr<MeshSink> to = sink(labels[i]);
+        done(i, extract(store, own, *to, each, silent));
     });
 }
 
@@ -211,7 +228,33 @@ ExtractReport extract_interfaces(const Store& store, std::span<const Label> labe
                                  const LabelQuery& query, MeshSink& sink,
                                  const std::function<void(const LabelInterface&)>& each,
                                  const ExtractOptions& options, Progress& progress) {
-    return detail::label_interfaces(store.reader(), labels, query, sink, each, options, progress);
+    const auto start = detail::Clock::now();
+    const detail::StoreReader& reader = store.reader();
+    const detail::SmoothChoice choice =
+        detail::smooth_choice(reader, query, detail::Feature::interfaces);
+    MeshLayout layout;
+    layout.has_sides = true;
+    layout.unit = reader.layout().header().unit;
+    layout.frame = reader.layout().header().frame;
+    const std::filesystem::path& input = reader.path();
+    sink.prepare(layout, std::span(&input, 1));
+    const detail::SortedLabels sorted(labels);
+    const detail::LabelNet net(reader, sorted.labels, choice, options, {.interfaces = true},
+                               progress);
+    progress.begin(detail::kWriteLabels, 1, "meshes");
+    InterfaceReport interfaces;
+    interfaces.outside = net.outside();
+    ExtractReport mesh;
+    detail::Workers(net.threads()).execute([&] { mesh = net.emit_interfaces(sink, progress); });
+    net.each_interface_of([&](const detail::SharedArea& shared) {
+        ++interfaces.interfaces;
+        if (each) {
+            each({shared.label, detail::has_mesh(shared.other) ? shared.other : interfaces.outside,
+                  shared.area});
+        }
+    });
+    progress.advance(1);
+    return detail::timed(detail::with_interfaces(std::move(mesh), interfaces), start);
 }
 
 namespace {
@@ -261,8 +304,25 @@ void extract_neuroglancer_meshes(
         shards.emplace(detail::ScratchFolder(options.scratch.empty() ? detail::temporary_folder()
                                                                      : options.scratch));
     }
-    detail::neuroglancer_labels(store.reader(), labels, query, folder, shards ? &*shards : nullptr,
-                                done, options, progress);
+    const auto start = detail::Clock::now();
+    const detail::StoreReader& reader = store.reader();
+    const detail::StoreHeader& header = reader.layout().header();
+    const detail::SmoothChoice choice =
+        detail::smooth_choice(reader, query, detail::Feature::details);
+    {
+        const detail::SortedLabels sorted(labels);
+        const detail::LabelNet net(reader, sorted.labels, choice, options,
+                                   {.details = detail::detail_setting(header)}, progress);
+        detail::each_label(detail::kWriteLabels, net.threads(), sorted.labels.size(), progress,
+                           [&](std::size_t i) {
+                               NeuroglancerReport report =
+                                   detail::LabelDetails(net, header, progress)
+                                       .write(i, sorted.labels[i], folder,
+                                              shards ? &*shards : nullptr);
+                               report.finest = detail::timed(std::move(report.finest), start);
+                               done(sorted.places[i], report);
+                           });
+    }
     std::optional<detail::Sharding> sharding;
     if (shards) {
         sharding = shards->write(folder);
@@ -271,8 +331,7 @@ void extract_neuroglancer_meshes(
     if (!names.empty()) {
         detail::write_segment_properties(folder, names);
     }
-    detail::write_mesh_info(folder, store.reader().layout().header(), shift_of(store, origin),
-                            !names.empty(), sharding);
+    detail::write_mesh_info(folder, header, shift_of(store, origin), !names.empty(), sharding);
 }
 
 }  // namespace isonest

@@ -4,13 +4,10 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <iterator>
 #include <limits>
 #include <memory>
-#include <numeric>
 #include <optional>
 #include <string>
 #include <vector>
@@ -18,7 +15,6 @@
 #include <isonest/error.h>
 
 #include "query/extract/combinations.h"
-#include "query/extract/labels/extract_labels.h"
 #include "query/extract/query_checks.h"
 #include "query/extract/report.h"
 #include "query/mesh/components.h"
@@ -29,20 +25,12 @@
 #include "query/statistics/find_labels.h"
 #include "query/surface_nets/make_net.h"
 #include "query/surface_nets/net_mesh.h"
-#include "query/values/label_view.h"
 #include "store/base/memory.h"
 #include "store/base/vectors.h"
 #include "store/base/workers.h"
-#include "store/container/codec.h"
 
 namespace isonest::detail {
 namespace {
-
-bool simplifies(const LabelQuery& query) {
-    const DistanceBound* const bound =
-        query.stop ? std::get_if<DistanceBound>(&*query.stop) : nullptr;
-    return query.stop && (bound == nullptr || bound->value != 0);
-}
 
 /// A number that is not a label of the store.
 std::int64_t outside_of(const StoreReader& store) {
@@ -92,15 +80,57 @@ double net_rounding(const StoreHeader& header) {
     return own + std::sqrt(3.0) * step / 2 / steps.shortest();
 }
 
-LabelNet::LabelNet(const StoreReader& store, std::span<const Label> labels, const LabelQuery& query,
-                   const ExtractOptions& options, const NetUse& use, Progress& progress)
+SmoothChoice smooth_choice(const StoreReader& store, const LabelQuery& query,
+                           std::optional<Feature> feature) {
+    const StoreHeader& header = store.layout().header();
+    const std::string name = store.path().string();
+    Features features = features_of(store, query);
+    if (feature) {
+        features.set(static_cast<std::size_t>(*feature));
+    }
+    require_combination(features, name);
+    require_simplifiable(query.effort, query.stop.has_value());
+    SmoothChoice choice{*query.smooth, query.stages.close, query.stages.components};
+    if (query.stop) {
+        std::visit([](const auto& stop) { require_distance(stop); }, *query.stop);
+        const auto* const bound = std::get_if<DistanceBound>(&*query.stop);
+        if (bound == nullptr || bound->value != 0) {
+            choice.distance =
+                distance_choice(header, *query.stop, query.effort.value_or(Effort::best));
+        }
+    }
+    if (choice.components) {
+        require_components(*choice.components);
+    }
+    const int passes = choice.smoothing.passes;
+    if (passes < 0 || passes > LabelSmoothing::kMaxPasses) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("smooth {}: give a number of passes from 0 to {}", passes,
+                                LabelSmoothing::kMaxPasses));
+    }
+    const double rounding = net_rounding(header);
+    constexpr double kMax = 0.5 - static_cast<double>(kMaxMoved);
+    if (!(rounding < kMax)) {
+        throw Error(
+            ErrorKind::limit, {name},
+            fmt::format("32-bit floats round its coordinates by up to {:.6g} of the node distance; "
+                        "smooth labels allow at most {:.6g}. It is too far from 0",
+                        rounding, kMax),
+            {{RemedyKind::place_in_world, "origin"}});
+    }
+    return choice;
+}
+
+LabelNet::LabelNet(const StoreReader& store, std::span<const Label> labels,
+                   const SmoothChoice& choice, const ExtractOptions& options, const NetUse& use,
+                   Progress& progress)
     : store_(store),
-      query_(query),
+      choice_(choice),
       with_quality_(options.quality),
       rounding_(net_rounding(store.layout().header())),
       outside_(outside_of(store)),
       scratch_(ScratchFolder::metered(options.scratch)),
-      is_simplified_(simplifies(query)) {
+      is_simplified_(choice.distance.has_value()) {
     const StoreHeader& header = store.layout().header();
     const bool sides = use.interfaces || use.details || is_simplified_;
     layout_.unit = header.unit;
@@ -120,8 +150,8 @@ LabelNet::LabelNet(const StoreReader& store, std::span<const Label> labels, cons
     const NetSetting setting{header.nodes,
                              header.steps(),
                              header.origin,
-                             query.smooth->passes,
-                             query.stages.close.has_value(),
+                             choice.smoothing.passes,
+                             choice.close.has_value(),
                              wanted_,
                              sides};
     // The list above, and the caller's copy.
@@ -136,15 +166,11 @@ LabelNet::LabelNet(const StoreReader& store, std::span<const Label> labels, cons
     net_.emplace(scratch_, ceil_div(setting.cells(), kPieceCells), sides);
     counts_ = make_net(store, setting, plan, labels, *net_, progress);
     if (is_simplified_ || use.details) {
-        std::optional<DistanceChoice> distance;
-        if (is_simplified_) {
-            distance = distance_choice(header, *query.stop, query.effort.value_or(Effort::best));
-        }
         sheets_.emplace(
             *net_,
-            SheetSetting{header, distance, query.smooth->keep_nodes, memory, options.team, wanted_,
-                         outside_, rounding_ * header.steps().diagonal(), store.path().string(),
-                         use.details},
+            SheetSetting{header, choice.distance, choice.smoothing.keep_nodes, memory, options.team,
+                         wanted_, outside_, rounding_ * header.steps().diagonal(),
+                         store.path().string(), use.details},
             scratch_, progress);
     }
     static_assert(SheetOutput::kHeap <= kNetMeshHeap);
@@ -169,7 +195,7 @@ ExtractReport LabelNet::emit_measured(MeshSink& sink, Axes axes,
     if (is_simplified_) {
         mesh.within_budget = sheets_->within_budget();
     }
-    return measured(smoothed({store_, *query_.smooth, query_.stages.close, counts_, rounding_},
+    return measured(smoothed({store_, choice_.smoothing, choice_.close, counts_, rounding_},
                              std::move(mesh), scratch_.meter()->peak()),
                     measuring);
 }
@@ -180,7 +206,7 @@ LabelMesh LabelNet::emit_kept(std::int64_t label, MeshSink& sink, const Progress
     LabelProgress silent(progress);
     ScratchMesh whole(scratch_);
     LabelMesh mesh{emit_net_mesh(*net_, label, layout_, whole, progress)};
-    KeptComponents kept(whole, *query_.stages.components, scratch_, silent);
+    KeptComponents kept(whole, *choice_.components, scratch_, silent);
     mesh.components = kept.report();
     if (kept.report().dropped == 0) {
         mesh.net = emit_net_mesh(*net_, label, layout_, sink, progress);
@@ -218,7 +244,7 @@ ExtractReport LabelNet::emit_label(std::size_t number, MeshSink& sink, const Pro
         if (is_simplified_) {
             return emit_simplified(number, to, progress);
         }
-        LabelMesh mesh = query_.stages.components
+        LabelMesh mesh = choice_.components
                              ? emit_kept(label, to, progress)
                              : LabelMesh{emit_net_mesh(*net_, label, layout_, to, progress)};
         for (const SharedArea& shared : net_->shared(label)) {
@@ -226,6 +252,13 @@ ExtractReport LabelNet::emit_label(std::size_t number, MeshSink& sink, const Pro
         }
         return mesh;
     });
+}
+
+ExtractReport LabelNet::write_label(std::size_t number, MeshSink& sink,
+                                    const Progress& progress) const {
+    const std::filesystem::path& input = store_.path();
+    sink.prepare(layout_, std::span(&input, 1));
+    return emit_label(number, sink, progress);
 }
 
 std::uint64_t LabelNet::triangles(std::size_t number, int level) const {
@@ -268,55 +301,10 @@ void LabelNet::each_interface_of(const std::function<void(const SharedArea&)>& e
     }
 }
 
-namespace {
-
-using SmoothClock = std::chrono::steady_clock;
-
-/// `feature`: what is requested in addition to meshes of labels.
-void require_smoothable(const StoreReader& store, const LabelQuery& query,
-                        std::optional<Feature> feature = {}) {
-    const std::string name = store.path().string();
-    Features features = features_of(store, query);
-    if (feature) {
-        features.set(static_cast<std::size_t>(*feature));
-    }
-    require_combination(features, name);
-    require_simplifiable(query.effort, query.stop.has_value());
-    if (query.stop) {
-        std::visit([](const auto& stop) { require_distance(stop); }, *query.stop);
-    }
-    if (query.stages.components) {
-        require_components(*query.stages.components);
-    }
-    if (query.smooth->passes < 0 || query.smooth->passes > LabelSmoothing::kMaxPasses) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("smooth {}: give a number of passes from 0 to {}",
-                                query.smooth->passes, LabelSmoothing::kMaxPasses));
-    }
-    const double rounding = net_rounding(store.layout().header());
-    constexpr double kMax = 0.5 - static_cast<double>(kMaxMoved);
-    if (!(rounding < kMax)) {
-        throw Error(
-            ErrorKind::limit, {name},
-            fmt::format("too far from 0 for smooth labels: 32-bit floats round its coordinates by "
-                        "up to {:.6g} of the node distance, but at most {:.6g} is allowed",
-                        rounding, kMax),
-            {{RemedyKind::place_in_world, "origin"}});
-    }
-}
-
-/// The number of threads for which there is memory to search for a label, a chunk each. Throws
-/// Error{limit} if there is none.
-int threads_to_look(const StoreLayout& layout, const MemoryShare& memory) {
-    const std::size_t chunk = layout.array(0, Field::values).chunk_bytes();
-    return memory.threads_of(chunk + decode_heap(chunk), "smoothing its labels");
-}
-
-/// Calls `work(i)` for each label of the net, with as many threads as it has memory for.
-template <class Work>
-void each_label(const LabelNet& net, std::size_t labels, Progress& progress, const Work& work) {
-    progress.begin("write mesh", labels, "labels");
-    Workers(net.threads()).execute([&] {
+void each_label(const char* phase, int threads, std::size_t labels, Progress& progress,
+                const std::function<void(std::size_t)>& work) {
+    progress.begin(phase, labels, "labels");
+    Workers(threads).execute([&] {
         tbb::parallel_for(
             tbb::blocked_range<std::size_t>(0, labels, 1),
             [&](const tbb::blocked_range<std::size_t>& range) {
@@ -328,122 +316,6 @@ void each_label(const LabelNet& net, std::size_t labels, Progress& progress, con
             },
             tbb::simple_partitioner{});
     });
-}
-
-/// Outputs the mesh of a label to its sink.
-ExtractReport emit_prepared(const LabelNet& net, std::size_t number, MeshSink& sink,
-                            const std::filesystem::path& input, const Progress& progress) {
-    sink.prepare(net.layout(), std::span(&input, 1));
-    return net.emit_label(number, sink, progress);
-}
-
-/// The indices of the labels in their list, sorted by id.
-std::vector<std::size_t> places_by_id(std::span<const Label> labels) {
-    std::vector<std::size_t> place(labels.size());
-    std::iota(place.begin(), place.end(), std::size_t{0});
-    std::sort(place.begin(), place.end(),
-              [&](std::size_t a, std::size_t b) { return labels[a].id < labels[b].id; });
-    return place;
-}
-
-std::vector<Label> in_places(std::span<const Label> labels, std::span<const std::size_t> place) {
-    std::vector<Label> sorted;
-    std::transform(place.begin(), place.end(), std::back_inserter(sorted),
-                   [&](std::size_t i) { return labels[i]; });
-    return sorted;
-}
-
-}  // namespace
-
-void smooth_labels(const StoreReader& store, std::span<const Label> labels, const LabelQuery& query,
-                   const std::function<std::unique_ptr<MeshSink>(const Label&)>& sink,
-                   const std::function<void(std::size_t number, const ExtractReport&)>& done,
-                   const ExtractOptions& options, Progress& progress) {
-    require_smoothable(store, query);
-    if (labels.empty()) {
-        return;
-    }
-    const std::vector<std::size_t> place = places_by_id(labels);
-    const std::vector<Label> sorted = in_places(labels, place);
-    const auto start = SmoothClock::now();
-    const LabelNet net(store, sorted, query, options, {}, progress);
-    each_label(net, sorted.size(), progress, [&](std::size_t i) {
-        const std::unique_ptr<MeshSink> to = sink(sorted[i]);
-        done(place[i], timed(emit_prepared(net, i, *to, store.path(), progress), start));
-    });
-}
-
-void neuroglancer_labels(
-    const StoreReader& store, std::span<const Label> labels, const LabelQuery& query,
-    const std::filesystem::path& folder, Shards* shards,
-    const std::function<void(std::size_t number, const NeuroglancerReport&)>& done,
-    const ExtractOptions& options, Progress& progress) {
-    const auto start = SmoothClock::now();
-    require_smoothable(store, query, Feature::details);
-    const StoreHeader& header = store.layout().header();
-    const std::vector<std::size_t> place = places_by_id(labels);
-    const std::vector<Label> sorted = in_places(labels, place);
-    const LabelNet net(store, sorted, query, options, {.details = detail_setting(header)},
-                       progress);
-    each_label(net, sorted.size(), progress, [&](std::size_t i) {
-        NeuroglancerReport report =
-            write_label_details(net, header, i, sorted[i], folder, shards, progress);
-        report.finest = timed(std::move(report.finest), start);
-        done(place[i], report);
-    });
-}
-
-ExtractReport label_interfaces(const StoreReader& store, std::span<const Label> labels,
-                               const LabelQuery& query, MeshSink& sink,
-                               const std::function<void(const LabelInterface&)>& each,
-                               const ExtractOptions& options, Progress& progress) {
-    const auto start = SmoothClock::now();
-    require_smoothable(store, query, Feature::interfaces);
-    MeshLayout layout;
-    layout.has_sides = true;
-    layout.unit = store.layout().header().unit;
-    layout.frame = store.layout().header().frame;
-    const std::filesystem::path& input = store.path();
-    sink.prepare(layout, std::span(&input, 1));
-    const std::vector<Label> sorted = in_places(labels, places_by_id(labels));
-    const LabelNet net(store, sorted, query, options, {.interfaces = true}, progress);
-    progress.begin("write mesh", 1, "meshes");
-    InterfaceReport interfaces;
-    interfaces.outside = net.outside();
-    ExtractReport mesh;
-    Workers(net.threads()).execute([&] { mesh = net.emit_interfaces(sink, progress); });
-    net.each_interface_of([&](const SharedArea& shared) {
-        ++interfaces.interfaces;
-        if (each) {
-            each({shared.label, has_mesh(shared.other) ? shared.other : interfaces.outside,
-                  shared.area});
-        }
-    });
-    progress.advance(1);
-    return timed(with_interfaces(std::move(mesh), interfaces), start);
-}
-
-ExtractReport smooth_label(const StoreReader& store, const LabelQuery& query, MeshSink& sink,
-                           const ExtractOptions& options, Progress& progress) {
-    require_smoothable(store, query);
-    require_label(store, query.label.id);
-    std::optional<Label> label;
-    if (const auto& within = query.label.within) {
-        label = Label{query.label.id, 0, within->first, within->second};
-    } else {
-        label = find_label(
-            store, query.label.id, value_of_label(store.layout().header(), query.label.id),
-            threads_to_look(store.layout(), memory_of(options, store.path().string())), progress);
-    }
-    // For a label that does not exist, the net has no cells, and the mesh is empty.
-    const Label none{query.label.id, 0, {}, {}};
-    const auto start = SmoothClock::now();
-    const LabelNet net(store, std::span(label ? &*label : &none, 1), query, options, {}, progress);
-    ExtractReport report;
-    each_label(net, 1, progress, [&](std::size_t i) {
-        report = timed(emit_prepared(net, i, sink, store.path(), progress), start);
-    });
-    return report;
 }
 
 }  // namespace isonest::detail

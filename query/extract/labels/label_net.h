@@ -10,11 +10,11 @@
 #include <vector>
 
 #include <isonest/extract.h>
-#include <isonest/neuroglancer_meshes.h>
 
+#include "query/extract/combinations.h"
+#include "query/extract/extract_query.h"
 #include "query/extract/labels/label_sheets.h"
 #include "query/extract/report.h"
-#include "query/neuroglancer/shards.h"
 #include "query/surface_nets/make_net.h"
 #include "query/surface_nets/net_mesh.h"
 #include "query/surface_nets/net_store.h"
@@ -28,11 +28,31 @@ namespace isonest::detail {
 /// volume is.
 double net_rounding(const StoreHeader& header);
 
+/// The phase in which meshes are made from a net.
+inline constexpr const char* kWriteLabels = "write mesh";
+
+/// Calls work(i) for each of so many labels, on these threads, and reports the progress.
+void each_label(const char* phase, int threads, std::size_t labels, Progress& progress,
+                const std::function<void(std::size_t)>& work);
+
 /// What a net is used for, besides meshes of labels.
 struct NetUse {
     bool interfaces = false;                    ///< the mesh of all interfaces is requested
     std::optional<DetailSetting> details = {};  ///< meshes of labels are made at these levels
 };
+
+/// What is asked of smooth labels.
+struct SmoothChoice {
+    LabelSmoothing smoothing;
+    std::optional<Outside> close;
+    std::optional<ComponentChoice> components;
+    std::optional<DistanceChoice> distance = {};  ///< if meshes are simplified
+};
+
+/// Rejects queries that are invalid for this store. `feature`: what is requested in addition to
+/// meshes of labels. Throws Error{invalid_argument, limit}. REQUIRES: query.smooth.
+SmoothChoice smooth_choice(const StoreReader& store, const LabelQuery& query,
+                           std::optional<Feature> feature = {});
 
 /// Thread-safety: constant once it is made.
 class LabelNet {
@@ -42,13 +62,11 @@ class LabelNet {
 
     /// `labels`: those that get meshes, ascending. The arguments must outlive it. Throws what
     /// make_net() and LabelSheets throw.
-    LabelNet(const StoreReader& store, std::span<const Label> labels, const LabelQuery& query,
+    LabelNet(const StoreReader& store, std::span<const Label> labels, const SmoothChoice& choice,
              const ExtractOptions& options, const NetUse& use, Progress& progress);
 
     /// The number of concurrent meshes for which there is memory.
     [[nodiscard]] int threads() const { return threads_; }
-    /// The layout for MeshSink::prepare(), for labels.
-    [[nodiscard]] const MeshLayout& layout() const { return layout_; }
     /// The number for unlabelled space in the mesh of interfaces.
     [[nodiscard]] std::int64_t outside() const { return outside_; }
 
@@ -56,7 +74,9 @@ class LabelNet {
     /// cancelled}.
     ExtractReport emit_label(std::size_t number, MeshSink& sink, const Progress& progress,
                              Axes axes = Axes::world) const;
-    /// Outputs the mesh of all interfaces, likewise.
+    /// The same after the sink's prepare().
+    ExtractReport write_label(std::size_t number, MeshSink& sink, const Progress& progress) const;
+    /// Outputs the mesh of all interfaces, like emit_label().
     ExtractReport emit_interfaces(MeshSink& sink, const Progress& progress) const;
 
     /// Number of levels of detail, the first of which is made by emit_label(); 1 if none are
@@ -88,7 +108,7 @@ class LabelNet {
                                             const Progress& progress) const;
 
     const StoreReader& store_;
-    const LabelQuery& query_;
+    SmoothChoice choice_;
     bool with_quality_;
     MeshLayout layout_;
     double rounding_;  ///< see net_rounding()
@@ -101,32 +121,5 @@ class LabelNet {
     NetCounts counts_;
     int threads_ = 1;
 };
-
-// Smooth surfaces of labels: one surface net for all of them, and a mesh for each.
-
-/// Like extract_labels(). REQUIRES: query.smooth.
-void smooth_labels(const StoreReader& store, std::span<const Label> labels, const LabelQuery& query,
-                   const std::function<std::unique_ptr<MeshSink>(const Label&)>& sink,
-                   const std::function<void(std::size_t number, const ExtractReport&)>& done,
-                   const ExtractOptions& options, Progress& progress);
-
-/// Like extract() for a label. REQUIRES: query.smooth.
-ExtractReport smooth_label(const StoreReader& store, const LabelQuery& query, MeshSink& sink,
-                           const ExtractOptions& options, Progress& progress);
-
-/// The files of the labels for extract_neuroglancer_meshes(), or their meshes in `shards` unless
-/// they are null. REQUIRES: query.smooth, Draco, and no
-/// label below 0.
-void neuroglancer_labels(
-    const StoreReader& store, std::span<const Label> labels, const LabelQuery& query,
-    const std::filesystem::path& folder, Shards* shards,
-    const std::function<void(std::size_t number, const NeuroglancerReport&)>& done,
-    const ExtractOptions& options, Progress& progress);
-
-/// Like extract_interfaces().
-ExtractReport label_interfaces(const StoreReader& store, std::span<const Label> labels,
-                               const LabelQuery& query, MeshSink& sink,
-                               const std::function<void(const LabelInterface&)>& each,
-                               const ExtractOptions& options, Progress& progress);
 
 }  // namespace isonest::detail

@@ -13,17 +13,6 @@
 
 namespace isonest::detail {
 
-ApartRange apart_range(const ExtractQuery& query) {
-    ApartRange range;
-    range.moves = query.moves_apart;
-    range.rotation = query.rotation;
-    const Double3 least = query.steps.min_along();
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        range.min_step[axis] = std::fabs(least[axis]) * query.min_apart;
-    }
-    return range;
-}
-
 ApartRange within_faces(ApartRange range, const MeshPlace& place) {
     const PatchBox faces = place.faces();
     range.low_faces = faces.lo;
@@ -109,7 +98,7 @@ Pipeline::Pipeline(const ExtractQuery& query, const StoreReader* store, const Me
         stages_.push_back(std::make_unique<MendStage>(all, query.product == Product::graph));
     }
     if (query.keeps_apart()) {
-        stages_.push_back(std::make_unique<ApartStage>(all, apart_range(query)));
+        stages_.push_back(std::make_unique<ApartStage>(all, query.apart_range()));
     }
     if (asked.components) {
         stages_.push_back(std::make_unique<ComponentStage>(all, *asked.components));
@@ -118,7 +107,15 @@ Pipeline::Pipeline(const ExtractQuery& query, const StoreReader* store, const Me
         stages_.push_back(distance_stage(query.corners(), *asked.distance, memory, team));
     }
     if (asked.error) {
-        stages_.push_back(std::make_unique<ErrorStage>(*store, query, memory));
+        stages_.push_back(std::make_unique<ErrorStage>(
+            *store,
+            ValueLimit{query.traversal.iso,
+                       *asked.error,
+                       {},
+                       query.traversal.box.close.has_value(),
+                       query.traversal.cells,
+                       asked.error_effort},
+            query.traversal.stop, query.heap(store->layout()).thread(), memory));
     }
     if (query.traversal.box.close) {
         stages_.push_back(std::make_unique<BorderStage>(all));

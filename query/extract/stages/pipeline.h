@@ -15,9 +15,7 @@ namespace isonest::detail {
 
 // Separates vertices at the same place: in the parts of a mesh or, after it was mended, as a stage.
 
-/// How those of the query's mesh are separated, without the faces and the box that limit them.
-ApartRange apart_range(const ExtractQuery& query);
-/// The same with the faces of the box to which a mesh is clipped.
+/// How they are separated, with the faces of the box to which a mesh is clipped.
 ApartRange within_faces(ApartRange range, const MeshPlace& place);
 /// `steps`: of the lattice.
 StageResult apart_result(const ApartVertices& apart, const LatticeSteps& steps);
@@ -25,7 +23,7 @@ StageResult apart_result(const ApartVertices& apart, const LatticeSteps& steps);
 /// Used after fans were split and triangles mended; otherwise keep_apart.h does it.
 class ApartStage : public Stage {
   public:
-    /// `range`: from apart_range().
+    /// `range`: without faces and box.
     ApartStage(int threads, ApartRange range) : Stage(threads), range_(std::move(range)) {}
     [[nodiscard]] bool has_work(const PartStore& parts, bool /*has_missing*/) const override {
         return parts.is_to_be_mended();

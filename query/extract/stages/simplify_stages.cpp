@@ -340,31 +340,25 @@ std::uint64_t own_heap(const StoreLayout& layout, Cells cells) {
     return simplify_by_value_heap(cells) + decode_heap(largest_chunk_bytes(layout));
 }
 
-int error_stage_threads(const StoreReader& store, const ExtractQuery& query,
-                        const MemoryShare& memory) {
-    const TraversalQuery& asked = query.traversal;
-    const std::uint64_t each = own_heap(store.layout(), asked.cells) +
-                               StoreGridNumbers::held(store.layout(), asked.cells, asked.stop);
+int error_stage_threads(const StoreLayout& layout, Cells cells, Field field,
+                        std::uint64_t traversal_heap, const MemoryShare& memory) {
+    const std::uint64_t each =
+        own_heap(layout, cells) + StoreGridNumbers::held(layout, cells, field);
     constexpr const char* kWhat = "simplification within an error";
-    // The traversal runs before, and needs separate memory.
-    memory.require(std::max(each, min_heap(store, asked, query.values)), kWhat);
+    // The traversal needs separate memory.
+    memory.require(std::max(each, traversal_heap), kWhat);
     return memory.threads_of(each, kWhat);
 }
 
 }  // namespace
 
-ErrorStage::ErrorStage(const StoreReader& store, const ExtractQuery& query,
-                       const MemoryShare& memory)
-    : Stage(error_stage_threads(store, query, memory)),
+ErrorStage::ErrorStage(const StoreReader& store, ValueLimit limit, Field field,
+                       std::uint64_t traversal_heap, const MemoryShare& memory)
+    : Stage(error_stage_threads(store.layout(), limit.cells, field, traversal_heap, memory)),
       store_(store),
-      limit_{query.traversal.iso,
-             *query.stages.error,
-             {},
-             query.traversal.box.close.has_value(),
-             query.traversal.cells,
-             query.stages.error_effort},
-      field_(query.traversal.stop),
-      each_(own_heap(store.layout(), query.traversal.cells)),
+      limit_(std::move(limit)),
+      field_(field),
+      each_(own_heap(store.layout(), limit_.cells)),
       memory_(memory.left()) {}
 
 StageResult ErrorStage::run(StageMesh& mesh, const StageTools& tools) {

@@ -60,19 +60,22 @@ constexpr double nested_share(VertexPlace vertices) {
 /// three dimensions.
 bool hexahedra_are_cheaper(const StoreReader& store, double iso, double error);
 
-/// REQUIRES: query.stages.error; the triangles are of tetrahedra within nested_share() of it, or of
-/// hexahedra at full resolution.
+/// REQUIRES: the triangles are of tetrahedra within nested_share() of the error, or of hexahedra at
+/// full resolution.
 class ErrorStage : public Stage {
   public:
-    /// The store must outlive it. Throws Error{limit} if there is too little memory.
-    ErrorStage(const StoreReader& store, const ExtractQuery& query, const MemoryShare& memory);
+    /// The store must outlive it. `limit`: without numbers. `field`: bounds the values below a
+    /// node. `traversal_heap`: of a thread of the traversal, which runs before. Throws Error{limit}
+    /// if there is too little memory.
+    ErrorStage(const StoreReader& store, ValueLimit limit, Field field,
+               std::uint64_t traversal_heap, const MemoryShare& memory);
     /// Also throws Error{corrupt}.
     StageResult run(StageMesh& mesh, const StageTools& tools) override;
 
   private:
     const StoreReader& store_;
-    ValueLimit limit_;    ///< without numbers
-    Field field_;         ///< bounds the values below a node
+    ValueLimit limit_;
+    Field field_;
     std::uint64_t each_;  ///< heap of a thread, besides the cache
     std::uint64_t memory_;
 };

@@ -4,6 +4,8 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -46,6 +48,9 @@ class VertexFields {
   public:
     /// Names that the attributes of a mesh or the columns of a mesh file already have.
     static bool is_reserved(const std::string& name);
+    /// A name, in upper case, that two attributes or components of them have in formats that ignore
+    /// case or add the axis to the name of a component; nothing if there is none.
+    static std::optional<std::string> name_used_twice(std::span<const VertexAttribute> attributes);
 
     /// `options`: the memory is divided among the components. Throws Error{invalid_argument} for a
     /// name that is invalid, reserved or used twice (upper and lower case are the same in some

@@ -305,10 +305,6 @@ class FinestWindows {
 
 }  // namespace
 
-bool is_finest(const StoreLayout& layout, const TraversalQuery& query) {
-    return query.tolerance.is_zero() && !query.plane && layout.lattice().cells_at(0).product() > 0;
-}
-
 void traverse_finest(Runs runs, std::uint64_t progress_share) {
     if (runs.front()->cache.source().is_remote()) {
         FinestWindows(runs).traverse();
@@ -318,16 +314,13 @@ void traverse_finest(Runs runs, std::uint64_t progress_share) {
     }
 }
 
-TraversalCounts traverse_finest_layer(ChunkCache& cache, const TraversalQuery& query,
-                                      std::int64_t layer, std::size_t part_vertices,
-                                      const PartSink& sink, Progress& progress) {
-    TraversalRun run(cache, query, part_vertices, sink, progress);
+TraversalCounts traverse_finest_layer(TraversalRun& run, std::int64_t layer) {
     const ArrayInfo& values = run.layout().array(0, Field::values);
     tbb::parallel_for(std::int64_t{0}, values.grid.x * values.grid.y, [&](std::int64_t i) {
-        progress.check();
+        run.progress.check();
         const Int3 brick{i % values.grid.x, i / values.grid.x, layer};
         const Int3 low = values.first_node(brick);
-        if (overlap_of(query.box, low, low + values.chunk) != Overlap::outside &&
+        if (overlap_of(run.query.box, low, low + values.chunk) != Overlap::outside &&
             is_reached(run, brick)) {
             march_reached(run, brick);
         }

@@ -9,20 +9,15 @@
 
 namespace isonest::detail {
 
-/// Whether every node refines; the coarser levels are then not needed.
-bool is_finest(const StoreLayout& layout, const TraversalQuery& query);
-
-/// Extracts the surfaces of all runs. REQUIRES: is_finest(). Throws what the chunk source and the
-/// sinks throw, and Error{cancelled}.
+/// Extracts the surfaces of all runs. REQUIRES: run.is_finest(). Throws what the chunk source and
+/// the sinks throw, and Error{cancelled}.
 void traverse_finest(Runs runs, std::uint64_t progress_share);
 
 /// For volumes of which only a layer is in memory: the parts that traverse() makes of the bricks of
 /// level 0 whose chunks are in layer `layer` along z, with the same sort numbers. The cache's
 /// source must have the chunks of that layer, and the adjacent nodes of the neighbouring layers:
-/// two planes after it and one before. REQUIRES: is_finest(), no share. Runs in the arena of the
-/// caller. Throws as traverse() does.
-TraversalCounts traverse_finest_layer(ChunkCache& cache, const TraversalQuery& query,
-                                      std::int64_t layer, std::size_t part_vertices,
-                                      const PartSink& sink, Progress& progress);
+/// two planes after it and one before. REQUIRES: run.is_finest(), no share. Runs in the arena of
+/// the caller. Throws as traverse() does.
+TraversalCounts traverse_finest_layer(TraversalRun& run, std::int64_t layer);
 
 }  // namespace isonest::detail

@@ -13,10 +13,10 @@ namespace isonest::detail {
 class CellNeeds {
   public:
     /// `reads_corners`: whether the interest test reads U at the corners.
-    CellNeeds(const StoreLayout& layout, const TraversalQuery& query, bool reads_corners)
-        : query_(query),
-          layout_(layout),
-          is_finest_(query.tolerance.is_zero()),
+    CellNeeds(const TraversalRun& run, bool reads_corners)
+        : query_(run.query),
+          layout_(run.layout()),
+          is_finest_(run.query.tolerance.is_zero()),
           reads_corners_(reads_corners) {}
 
     /// Adds the data needed by the tests.

@@ -93,8 +93,7 @@ TraversalCounts traverse_hexahedra(TraversalRun& run) {
         [&] {
             return element_scout<Cell>(
                 HexProjection(run.cache, run.query.stop, run.query.tolerance.threshold()),
-                InBox{run.query.box}, interest, stop,
-                CellNeeds(run.layout(), run.query, !run.query.plane));
+                InBox{run.query.box}, interest, stop, CellNeeds(run, !run.query.plane));
         });
 }
 

@@ -262,7 +262,8 @@ void add_around(const ArrayInfo& array, const Int3& chunk, const std::bitset<27>
 
 /// The indicators that a traversal uses in bricks of a level; those of culling are not used in the
 /// two finest levels (CullingInBrick).
-std::vector<Field> fields_of(const TraversalQuery& query, int level) {
+std::vector<Field> fields_of(const TraversalRun& run, int level) {
+    const TraversalQuery& query = run.query;
     constexpr int kMinCulled = 2;
     std::vector<Field> fields;
     if (!query.plane) {
@@ -349,7 +350,7 @@ void add_brick_needs(Runs runs, int level, const Int3& brick, const ParentsOfRun
         return;
     }
     add_slots(layout.array(level, Field::values), brick, reach.values(), needs.own);
-    for (const Field field : fields_of(run.query, level)) {
+    for (const Field field : fields_of(run, level)) {
         const bool is_derived = level == 0 && centre_suffices_at_level_1(field);
         if (!is_derived) {
             add_slots(layout.array(level + 1, field), brick, reach.fields(), needs.own);
@@ -410,7 +411,7 @@ void add_top_needs(Runs runs, std::uint64_t max_bytes, TraversalNeeds& needs) {
         }
         TraversalNeeds of_level;
         of_level.own.add(values, {0, 0, 0});
-        for (const Field field : fields_of(run.query, level)) {
+        for (const Field field : fields_of(run, level)) {
             if (level == 0) {
                 break;
             }

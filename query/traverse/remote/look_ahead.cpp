@@ -16,8 +16,8 @@ Int3 on_level(const Int3& p, int level) {
 
 }  // namespace
 
-EdgeNeeds::EdgeNeeds(ChunkCache& cache, const TraversalQuery& query)
-    : query_(query), layout_(cache.source().layout()), values_(cache) {}
+EdgeNeeds::EdgeNeeds(const TraversalRun& run)
+    : query_(run.query), layout_(run.layout()), values_(run.cache) {}
 
 void EdgeNeeds::edge(const Int3& a, double a_value, const Int3& b, double b_value, Wants& wants) {
     if ((a_value < query_.iso) == (b_value < query_.iso)) {

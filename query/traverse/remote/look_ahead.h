@@ -178,8 +178,8 @@ class LookWindows {
 /// Not thread-safe; one per thread.
 class EdgeNeeds {
   public:
-    /// Both must outlive it.
-    EdgeNeeds(ChunkCache& cache, const TraversalQuery& query);
+    /// The run must outlive it.
+    explicit EdgeNeeds(const TraversalRun& run);
 
     /// Adds the needs of a vertex's attributes and, if vertices are exact, of its position, as far
     /// as they follow from the prefetched data. Throws what the cache throws.
@@ -221,8 +221,8 @@ class CrossingRehearsal {
             runs_.push_back(std::make_unique<TraversalRun>(
                 run->cache, *queries_.back(), std::min(run->part_vertices, kFewVertices), nothing_,
                 run->progress));
-            edges_.push_back(std::make_unique<Edges>(
-                [run = run.get()] { return EdgeNeeds(run->cache, run->query); }));
+            edges_.push_back(
+                std::make_unique<Edges>([run = run.get()] { return EdgeNeeds(*run); }));
         }
     }
     CrossingRehearsal(const CrossingRehearsal&) = delete;
@@ -360,12 +360,8 @@ void want_field(const StoreLayout& layout, const Element<D>& t, Field field, Wan
 class SimplexNeeds {
   public:
     /// `fields`: fields of the store that the tests use.
-    SimplexNeeds(ChunkCache& cache, const TraversalQuery& query, std::vector<Field> fields,
-                 LeafReads reads)
-        : layout_(cache.source().layout()),
-          needs_(cache, query),
-          fields_(std::move(fields)),
-          reads_(reads) {}
+    SimplexNeeds(const TraversalRun& run, std::vector<Field> fields, LeafReads reads)
+        : layout_(run.layout()), needs_(run), fields_(std::move(fields)), reads_(reads) {}
 
     /// Adds the numbers between an element's level and the next.
     template <int D>

@@ -206,8 +206,7 @@ void add_check(CLI::App& app, Invocation& chosen) {
         chosen.run = [a](Progress& progress) {
             std::vector<std::string> inputs = a->source;
             inputs.push_back(a->store);
-            require_remote(a->remote, inputs);
-            return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
+            return run_beside_fetching(a->remote, inputs, [&] { return run(*a, progress); });
         };
     });
 }

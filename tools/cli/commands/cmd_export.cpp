@@ -87,8 +87,7 @@ void add_export(CLI::App& app, Invocation& chosen) {
     add_remote_options(c, a->remote);
     c->callback([a, &chosen] {
         chosen.run = [a](Progress& progress) {
-            require_remote(a->remote, {a->store});
-            return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
+            return run_beside_fetching(a->remote, {a->store}, [&] { return run(*a, progress); });
         };
     });
 }

@@ -17,6 +17,7 @@
 #include "query/extract/combinations.h"
 #include "query/extract/extract_shared.h"
 #include "store/files/output_file.h"
+#include "store/lattice/lattice.h"
 #include "store/ranks/agreement.h"
 #include "store/remote/open_location.h"
 #include "tools/cli/commands/extract_command.h"
@@ -326,7 +327,9 @@ Result extract_volume(ExtractCommand& arguments, bool has_iso, Progress& progres
     arguments.distance.resolve(volume->describe().unit, a.store);
     if (has_iso && !a.is_graph && !arguments.labels.one && !arguments.labels.several) {
         // Checked now, before time is spent on making a store.
-        require_combination(features_of(volume->describe(), arguments.surface_query(nullptr)),
+        const VolumeDescription d = volume->describe();
+        require_combination(features_of(arguments.surface_query(nullptr),
+                                        {Lattice(d.nodes).dimension(), d.uneven != nullptr}),
                             a.store);
     }
     if (!has_iso && !a.is_graph && !arguments.labels.one && !arguments.labels.several) {
@@ -590,8 +593,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
             for (const NamedValues& named : a->named_values) {
                 inputs.insert(inputs.end(), named.sources.begin(), named.sources.end());
             }
-            require_remote(a->in.remote, inputs);
-            return run_beside_fetching(a->in.remote,
+            return run_beside_fetching(a->in.remote, inputs,
                                        [&] { return run(*a, has_iso, ranks, progress); });
         };
         if (!is_series(a->in.input.front())) {

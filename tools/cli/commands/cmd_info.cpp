@@ -404,8 +404,8 @@ void add_info(CLI::App& app, Invocation& chosen) {
     c->callback([a, c, &chosen] {
         note_source_option(*c, a->in);
         chosen.run = [a](Progress& progress) {
-            require_remote(a->in.remote, a->in.input);
-            return run_beside_fetching(a->in.remote, [&] { return run(*a, progress); });
+            return run_beside_fetching(a->in.remote, a->in.input,
+                                       [&] { return run(*a, progress); });
         };
     });
 }

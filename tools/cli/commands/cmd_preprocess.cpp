@@ -324,8 +324,8 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
             a->times.emplace();  // from the input
         }
         chosen.run = [a, ranks = chosen.ranks](Progress& progress) {
-            require_remote(a->remote, a->input);
-            return run_beside_fetching(a->remote, [&] { return run(*a, ranks, progress); });
+            return run_beside_fetching(a->remote, a->input,
+                                       [&] { return run(*a, ranks, progress); });
         };
         if (!a->times && !a->append) {
             chosen.stages = {{"check the interrupted run", "checking the interrupted run", 0.1},

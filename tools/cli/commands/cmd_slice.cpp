@@ -297,8 +297,8 @@ void add_slice(CLI::App& app, Invocation& chosen) {
         a->picture_option = last_given(*c, {"--size", "--plain"});
         a->color_option = last_given(*c, {"--range", "--colors"});
         chosen.run = [a](Progress& progress) {
-            require_remote(a->in.remote, a->in.input);
-            return run_beside_fetching(a->in.remote, [&] { return run(*a, progress); });
+            return run_beside_fetching(a->in.remote, a->in.input,
+                                       [&] { return run(*a, progress); });
         };
         if (!is_series(a->in.input.front())) {
             chosen.stages =

@@ -582,8 +582,7 @@ void add_smooth(CLI::App& app, Invocation& chosen) {
             }
         }
         chosen.run = [a](Progress& progress) {
-            require_remote(a->remote, {a->input});
-            return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
+            return run_beside_fetching(a->remote, {a->input}, [&] { return run(*a, progress); });
         };
     });
 }

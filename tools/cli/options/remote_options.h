@@ -79,10 +79,12 @@ Error with_enough_memory(const Error& error,
 /// Increases the memory that the error's remedies ask for by what is set aside.
 Error with_set_aside(const Error& error, const RemoteArguments& a);
 
-/// Returns run() with the note added. In errors that it throws, the minimum for --memory includes
-/// what is set aside.
+/// Returns run() with the note added, after require_remote(). In errors that it throws, the minimum
+/// for --memory includes what is set aside.
 template <class Run>
-Result run_beside_fetching(const RemoteArguments& a, const Run& run) {
+Result run_beside_fetching(const RemoteArguments& a, const std::vector<std::string>& inputs,
+                           const Run& run) {
+    require_remote(a, inputs);
     try {
         Result result = run();
         if (!a.note.empty() && !result.json.is_null()) {

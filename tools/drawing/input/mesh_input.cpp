@@ -183,10 +183,6 @@ void read_ngmesh(const std::filesystem::path& path, PlyScratch& to, Progress& pr
     }
 }
 
-bool is_converted_mesh(const std::filesystem::path& path) {
-    return format_of(path) != nullptr;
-}
-
 PlyMesh open_mesh(const std::filesystem::path& path, const std::string& value,
                   const std::filesystem::path& folder, Progress& progress) {
     const Format* const format = format_of(path);

@@ -67,9 +67,6 @@ void read_glb(const std::filesystem::path& path, PlyScratch& to, Progress& progr
 void read_vtp(const std::filesystem::path& path, PlyScratch& to, Progress& progress);
 void read_vtkhdf(const std::filesystem::path& path, PlyScratch& to, Progress& progress);
 
-/// Whether the file name extension is that of a format that is converted.
-bool is_converted_mesh(const std::filesystem::path& path);
-
 /// Opens a mesh by its file name extension: .ply directly; .stl .obj .glb .3mf .vtp .vtkhdf .ngmesh
 /// converted in `folder`, keeping only the vertex attribute "value". `value`: as for PlyMesh.
 PlyMesh open_mesh(const std::filesystem::path& path, const std::string& value,
