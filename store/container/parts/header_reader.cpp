@@ -288,7 +288,7 @@ class Reader {
             !why_not_uneven(header.nodes, header.spacing, header.origin, header.direction,
                             header.uneven)
                  .empty()) {
-            damaged("damaged: its uneven axes are not those that were written");
+            damaged("damaged: its uneven axes have changed");
         }
     }
 

@@ -38,14 +38,14 @@ endian: little
 encoding: raw
 data file: volume.raw
 """
-# Numbers like those of eight.raw, on axes of which x is even.
+# The same numbers as tiny.raw, on axes of which x is even.
 UNEVEN = """<?xml version="1.0"?>
 <VTKFile type="RectilinearGrid" version="0.1" byte_order="LittleEndian">
-<RectilinearGrid WholeExtent="0 8 0 7 0 6"><Piece Extent="0 8 0 7 0 6">
-<PointData><DataArray type="Float32" Name="v" format="ascii">{}</DataArray></PointData>
-<Coordinates><DataArray type="Float64" Name="x" format="ascii">0 2 4 6 8 10 12 14 16</DataArray>
-<DataArray type="Float64" Name="y" format="ascii">-1 0 2 5 9 9.5 10 12</DataArray>
-<DataArray type="Float64" Name="z" format="ascii">100 150 250 500 700 850 1000</DataArray></Coordinates>
+<RectilinearGrid WholeExtent="0 2 0 2 0 2"><Piece Extent="0 2 0 2 0 2">
+<PointData><DataArray type="UInt8" Name="v" format="ascii">{}</DataArray></PointData>
+<Coordinates><DataArray type="Float64" Name="x" format="ascii">0 2 4</DataArray>
+<DataArray type="Float64" Name="y" format="ascii">-1 0 2</DataArray>
+<DataArray type="Float64" Name="z" format="ascii">100 150 250</DataArray></Coordinates>
 </Piece></RectilinearGrid></VTKFile>
 """
 COVERED = ("version", "flags", "nodes", "spacing", "origin", "value_type", "chunk", "compression", "exact",
@@ -73,7 +73,7 @@ def make_volumes():
     if not (HERE / "own.npy").exists():
         np.save(HERE / "own.npy", numbers["tiny.raw"][::-1].reshape(3, 3, 3))
     if not (HERE / "uneven.vtr").exists():
-        (HERE / "uneven.vtr").write_text(UNEVEN.format(" ".join(f"{v:.9g}" for v in numbers["eight.raw"].ravel())))
+        (HERE / "uneven.vtr").write_text(UNEVEN.format(" ".join(map(str, numbers["tiny.raw"]))))
     if not (HERE / "turned.nhdr").exists():
         (HERE / "turned.nhdr").write_text(TURNED)
 
