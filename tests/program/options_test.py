@@ -31,8 +31,9 @@ ELSEWHERE = {
     ("preprocess", "--resume"): "tests/program/kill_test.py",
     **{("view", option): "tests/view/view_trust_test.py"
        for option in ("--port", "--address", "--token", "--open")},
+    ("view", "--times"): "tests/view/view_series_test.py", ("view", "--vertex-values"): "tests/view/view_quantities_test.py",
     **{("publish", option): "tests/publish/publish_test.py"
-       for option in ("--link", "--hard-link", "--title", "--description", "--license", "--force")},
+       for option in ("--link", "--hard-link", "--title", "--description", "--license", "--force", "--times")},
     **{("publish", option): "tests/publish/publish_check_test.py" for option in ("--check", "--origin")},
 }
 

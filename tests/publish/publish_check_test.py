@@ -180,6 +180,16 @@ class Site(unittest.TestCase):
                     self.assertEqual(check(page)[2], {"cors_origin"})
                     asked = [note for note in other.notes if "origin" in note]
                     self.assertEqual({note["origin"] for note in asked}, {"http://" + server.host})
+                whole = {"url": "s.isonest", "bytes": (folder / "site" / "s.isonest").stat().st_size}
+                for steps, expected in (([whole, whole], set()), ([whole, {**whole, "url": "t.isonest"}], {"missing"}),
+                                        ([whole, {**whole, "bytes": 7}], {"missing"}), ([whole, {"url": "s.isonest"}], {"missing"}),
+                                        ([{**whole, "bytes": "many"}], {"missing"}), ([7], {"missing"})):
+                    (folder / "site" / "site.json").write_text(
+                        json.dumps({"isonest_site": 1, "stores": [{"url": "s.isonest", "series": {"steps": steps}}]}))
+                    code, report, wrong = check(page)
+                    self.assertEqual(wrong, expected, steps)
+                    told = [finding["found"] for finding in report["findings"] if finding["what"] == "steps"]
+                    self.assertEqual(told, [] if expected else ["all 2 steps of the series are there"])
                 (folder / "site" / "site.json").write_text(json.dumps({"isonest_site": 1, "stores": [{"url": "s.isonest"}]}))
                 wanted = {".wasm": "application/octet-stream", ".mjs": "text/plain", ".js": "text/javascript"}
                 code, report, wrong = check(page)

@@ -18,6 +18,9 @@ import unittest
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 from range_server import RangeServer  # noqa: E402
 
+import h5py
+import numpy
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 ISONEST = os.path.abspath(sys.argv[1])
 PAGE = {"index.html", "main.js", "mesh_worker.js", "worker.js", "style.css", "licences.txt", "isonest.wasm", "isonest.mjs", "site.json"}
@@ -141,6 +144,55 @@ class Publish(unittest.TestCase):
         self.assertIn("not a folder", run("publish", self.store, "-o", link, "--force", code=2))
         link.unlink()
         run("publish", self.store, "-o", self.folder / "nowhere" / "site", code=3)
+
+    def series(self):
+        """Three steps, at the times 0, 1.5 and 4, with the largest values 7, 8 and 11."""
+        folder = self.folder / "run.isonest"
+        if not folder.exists():
+            grid = numpy.indices((9, 10, 11)).sum(axis=0) / 27
+            for step, largest in enumerate((7, 8, 11)):
+                with h5py.File(self.folder / f"t{step}.h5", "w") as file:
+                    file["v"] = (grid * largest).astype("f4")
+            run("preprocess", *[self.folder / f"t{step}.h5" for step in range(3)], "--times", "0,1.5,4", "-o", folder)
+        return folder
+
+    def test_a_series(self):
+        series = self.series()
+        names = [f"step_00000{step}.isonest" for step in range(3)]
+        report = json.loads(run("publish", f"{series}/", self.store, "-o", self.site, "--json"))
+        self.assertEqual(files_of(self.site), PAGE | {"stores/scan.isonest"} | {f"stores/run/{name}" for name in names})
+        self.assertEqual(set(report["files"]), files_of(self.site))
+        for name in names:
+            self.assertEqual((self.site / "stores/run" / name).read_bytes(), (series / name).read_bytes())
+        sizes = [(series / name).stat().st_size for name in names]
+        run_, scan = self.list_of()["stores"]
+        self.assertEqual((run_["name"], run_["title"], run_["url"], run_["bytes"], run_["nodes"]),
+                         ("run", "run", f"stores/run/{names[0]}", sum(sizes), [11, 10, 9]))
+        self.assertEqual(run_["series"], {"time_unit": None, "min_value": 0, "max_value": 11, "steps": [
+            {"time": time, "url": f"stores/run/{name}", "bytes": size} for time, name, size in zip((0, 1.5, 4), names, sizes)]})
+        self.assertNotIn("series", scan)
+        self.assertEqual(report["stores"][0]["steps"], 3)
+        # Its folder is replaced as a whole, and not if there is anything else in it.
+        (self.site / "stores/run/notes").write_text("mine")
+        self.assertIn("notes", run("publish", self.store, "-o", self.site, "--force", code=2))
+        (self.site / "stores/run/notes").unlink()
+        run("publish", series, "-o", self.site, "--force", "--times", "1:", "--hard-link")
+        self.assertEqual([step["time"] for step in self.list_of()["stores"][0]["series"]["steps"]], [1.5, 4])
+        self.assertEqual(files_of(self.site), PAGE | {f"stores/run/{name}" for name in names[1:]})
+        self.assertTrue((self.site / "stores/run" / names[1]).samefile(series / names[1]))
+        self.assertIn("input", run("publish", self.site / "stores/run" / names[1], "-o", self.site, "--force", code=2))
+
+    def test_a_series_that_is_linked(self):
+        series = self.series()
+        own = "https://data.example.org/x/run.isonest"
+        for link in (own, "https://data.example.org/x/"):
+            run("publish", series, "-o", self.site, "--force", "--link", link)
+            self.assertEqual(files_of(self.site), PAGE)
+            self.assertEqual([step["url"] for step in self.list_of()["stores"][0]["series"]["steps"]],
+                             [f"{own}/step_00000{step}.isonest" for step in range(3)])
+            self.assertEqual(self.policy_of()["connect-src"], ["'self'", "https://data.example.org"])
+        run("publish", series, "-o", self.site, "--force", "--link", "https://example.org/run?version=2", code=2)
+        self.assertIn("--times", run("publish", self.store, "-o", self.site, "--force", "--times", "1", code=2))
 
     def test_old_stores(self):
         old = ROOT / "tests/store/golden/2.7.store"

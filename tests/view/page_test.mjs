@@ -11,7 +11,7 @@ import { join } from "node:path";
 import { after, before, test as anyTest } from "node:test";
 import { idle, lacks, openPage, readPng, run, startBrowser, startServer, temporaryFolder } from "../../tools/view/web/drive.mjs";
 import { pictureView, readPly } from "./meshes.mjs";
-import { canvas, commandOf, differing, faintTexts, header, open, setRange, state } from "./page_parts.mjs";
+import { canvas, commandOf, differing, header, open, setRange, state } from "./pages.mjs";
 import { wander } from "./wander.mjs";
 
 const [, , program] = process.argv;
@@ -58,7 +58,6 @@ async function onPage(fragment, use, options) {
     await opened.close();
   }
 }
-
 test("the page starts with the surface of the suggested isovalue and its error bound", async () => {
   await onPage("", async (page) => {
     const { histogram } = JSON.parse(await run(program, "info", store, "--histogram", "--json"));
@@ -422,6 +421,38 @@ for (const scheme of ["light", "dark"]) {
       assert.notEqual(await page.evaluate(() => document.documentElement.dataset.theme), scheme);
     }, { colorScheme: scheme });
   });
+}
+
+/** Runs in the page: the WCAG contrast of each text with its background. */
+function faintTexts() {
+  const context = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
+  const over = (color, below) => {
+    context.globalCompositeOperation = "copy";
+    context.fillStyle = `rgb(${below.join(" ")})`;
+    context.fillRect(0, 0, 1, 1);
+    context.globalCompositeOperation = "source-over";
+    context.fillStyle = color;
+    context.fillRect(0, 0, 1, 1);
+    return [...context.getImageData(0, 0, 1, 1).data.slice(0, 3)];
+  };
+  const light = (color) => {
+    const [r, g, b] = color.map((part) => (part / 255 <= 0.04045 ? part / 255 / 12.92 : ((part / 255 + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const background = (element) => {
+    if (!element) return [255, 255, 255];
+    return over(getComputedStyle(element).backgroundColor, background(element.parentElement));
+  };
+  const faint = [];
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let node = walker.nextNode(); node; node = walker.nextNode()) {
+    const element = node.parentElement;
+    if (!node.textContent.trim() || !element.checkVisibility() || element.closest("svg")) continue;
+    const behind = background(element);
+    const [low, high] = [light(behind), light(over(getComputedStyle(element).color, behind))].sort((a, b) => a - b);
+    if ((high + 0.05) / (low + 0.05) < 4.5) faint.push(`${node.textContent}: ${((high + 0.05) / (low + 0.05)).toFixed(2)}`);
+  }
+  return faint;
 }
 
 test("data in a plane are shown with their bound and without a surface", async () => {

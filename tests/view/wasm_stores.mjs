@@ -8,8 +8,8 @@ import { fileURLToPath, pathToFileURL } from "node:url";
 const web = join(dirname(fileURLToPath(import.meta.url)), "../../tools/view/web");
 
 class FileBytes {
-  constructor(path, roundTrip) {
-    this.name = path;
+  constructor(path, roundTrip, name = path) {
+    this.name = name;
     this.roundTrip = roundTrip;
     this.file = openSync(path);
     this.size = fstatSync(this.file).size;
@@ -30,7 +30,7 @@ class FileBytes {
 
 /**
  * Returns `open(path, memory, {roundTrip})`, which opens a WasmStore. Its property `fail` sets an error message that
- * reading its bytes throws from then on.
+ * reading its bytes throws from then on. `bytesOf(path, name)`: the bytes of another store, under this name.
  */
 export async function wasmStores(wasmFolder, scratch) {
   const { build } = await import(pathToFileURL(createRequire(join(web, "package.json")).resolve("esbuild")).href);
@@ -54,5 +54,5 @@ export async function wasmStores(wasmFolder, scratch) {
       throw error;
     }
   };
-  return { open };
+  return { open, bytesOf: (path, name) => new FileBytes(path, 20, name) };
 }

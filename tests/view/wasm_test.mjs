@@ -19,7 +19,7 @@ if (!wasmFolder || !existsSync(join(wasmFolder, "isonest.wasm"))) {
 
 const MB = 2 ** 20;
 const kMemory = 256 * MB; // the budget of a page
-let folder, open, servers;
+let folder, open, bytesOf, servers;
 
 /** A mesh's header, without times and counts of reading, and its bytes; for other answers, the JSON. */
 function parsed(answer) {
@@ -27,7 +27,7 @@ function parsed(answer) {
   if (answer.type !== "application/octet-stream") {
     const said = JSON.parse(bytes.toString());
     // These depend on the memory budget, and on whether the store is a file.
-    for (const name of ["most_triangles", "memory", "first_error"]) delete said[name];
+    for (const name of ["most_triangles", "memory", "first_error", "remote"]) delete said[name];
     return { status: answer.status, said, text: bytes.toString() };
   }
   const size = bytes.readUInt32LE(8);
@@ -66,7 +66,7 @@ let bucky, labels, plane;
 before(async () => {
   folder = await temporaryFolder();
   servers = [];
-  ({ open } = await wasmStores(wasmFolder, folder.path));
+  ({ open, bytesOf } = await wasmStores(wasmFolder, folder.path));
   const volume = (name, ...options) => run(program, "make-volume", ...options, "-o", join(folder.path, name), "-q").then(() => join(folder.path, name));
   bucky = await madeStore("bucky", await volume("bucky.h5", "bucky", "--size", "65"), "--unit", "um");
   plane = await madeStore("plane", await volume("plane.h5", "cahn-hilliard", "--size", "129,97"));
@@ -113,6 +113,8 @@ test("the description of a volume is the server's", async () => {
 test("labels, and data in a plane", async () => {
   const ofLabels = await open(labels.store, kMemory);
   await same(labels.server, ofLabels, "store");
+  assert.deepEqual(JSON.parse(await same(labels.server, ofLabels, "labels")).labels.map(({ id }) => id), [0, 3, 7]);
+  await same(labels.server, ofLabels, "labels?named=1");
   assert.ok((await same(labels.server, ofLabels, "surface?label=3&error=0")).triangles > 500);
   assert.ok((await same(labels.server, ofLabels, "surface?label=3&smooth=8&error=0")).smooth_bound > 0);
   await same(labels.server, ofLabels, "surface?label=7&distance=1&effort=fast");
@@ -122,6 +124,26 @@ test("labels, and data in a plane", async () => {
   await same(plane.server, ofPlane, "store");
   await same(plane.server, ofPlane, "slice?plane=0,0,1,0&error=0.05");
   await same(plane.server, ofPlane, "surface?iso=0&error=0"); // refused with the same message
+});
+
+test("one library turns from one store to another, and keeps those that were used last", async () => {
+  const store = await open(bucky.store, kMemory);
+  const others = Array.from({ length: 12 }, (_one, i) => ({ server: [labels, plane][i % 2].server, bytes: bytesOf([labels, plane][i % 2].store, `copy ${i}`) }));
+  const target = ["surface?label=3&error=0", "slice?plane=0,0,1,0&error=0"];
+  const visit = async ({ server, bytes }, i) => {
+    await store.turnTo(bytes);
+    await same(server, store, target[i % 2]);
+  };
+  for (const [i, other] of others.entries()) await visit(other, i);
+  const before = others.map(({ bytes }) => bytes.fetched);
+  await visit(others[11], 11);
+  await visit(others[9], 9);
+  assert.deepEqual(others.map(({ bytes }) => bytes.fetched), before, "a store that was open was read again");
+  await visit(others[0], 0); // was closed
+  assert.ok(others[0].bytes.fetched > before[0]);
+  // What cannot be opened is said, and the other stores are still there.
+  await assert.rejects(store.turnTo(bytesOf(join(folder.path, "labels.raw"), "no store")), /not a store|footer|HDF5/);
+  await visit(others[11], 11);
 });
 
 test("ranges are fetched together, and a query ends with any memory budget", async () => {

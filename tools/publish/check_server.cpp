@@ -98,6 +98,10 @@ class Checker {
         add(url, what, is_right ? ServerFault::none : fault, std::move(found), is_needed);
     }
 
+    static bool has_url(const nlohmann::json& store) {
+        return store.is_object() && store.contains("url") && store["url"].is_string();
+    }
+
     void check_site(const std::string& url) {
         check_.is_site = true;
         const std::string without_query = url.substr(0, url.find_first_of("?#"));
@@ -107,9 +111,6 @@ class Checker {
         const nlohmann::json site = nlohmann::json::parse(list.body, nullptr, false);
         const nlohmann::json stores =
             site.is_object() ? site.value("stores", nlohmann::json()) : nlohmann::json();
-        const auto has_url = [](const nlohmann::json& store) {
-            return store.is_object() && store.contains("url") && store["url"].is_string();
-        };
         if (list.status != 200 || !stores.is_array() ||
             !std::all_of(stores.begin(), stores.end(), has_url)) {
             add(folder + "site.json", "list of stores", ServerFault::missing,
@@ -125,6 +126,39 @@ class Checker {
             const bool is_elsewhere = is_url(named);
             const std::string whole = is_elsewhere ? named : folder + named;
             check_store(whole, is_elsewhere && origin_of(whole) != origin_of(folder));
+            if (store.contains("series") && store["series"].is_object()) {
+                check_steps(whole, folder, store["series"].value("steps", nlohmann::json::array()));
+            }
+        }
+    }
+
+    /// Whether all steps of a series are there as a whole; only the first one, `url`, is checked
+    /// like a store.
+    void check_steps(const std::string& url, const std::string& folder,
+                     const nlohmann::json& steps) {
+        bool are_right = true;
+        for (const nlohmann::json& step : steps) {
+            if (!has_url(step) || !step.contains("bytes") || !step["bytes"].is_number_unsigned()) {
+                add(folder + "site.json", "list of stores", ServerFault::missing, "is damaged");
+                return;
+            }
+            const auto named = step["url"].get<std::string>();
+            const std::string whole = is_url(named) ? named : folder + named;
+            const ServerReply head = ask({whole, "HEAD", {kAsItIs}});
+            const std::string length = head.header("content-length");
+            const std::string expected = std::to_string(step["bytes"].get<std::uint64_t>());
+            if (head.status != 200) {
+                add(whole, "file", ServerFault::missing, said_status(head.status));
+                are_right = false;
+            } else if (!length.empty() && length != expected) {
+                add(whole, "file", ServerFault::missing,
+                    fmt::format("{} bytes in place of {}", length, expected));
+                are_right = false;
+            }
+        }
+        if (are_right) {
+            add(url, "steps", ServerFault::none,
+                fmt::format("all {} steps of the series are there", steps.size()));
         }
     }
 

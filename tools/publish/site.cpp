@@ -137,7 +137,40 @@ bool has_library(const std::vector<PageFile>& page) {
                        [](const PageFile& file) { return file.name == "isonest.wasm"; });
 }
 
+namespace {
+
+std::string url_of_step(const SiteStore& store, const SiteStep& step) {
+    return step.url.empty() ? fmt::format("stores/{}/{}", percent_encoded(store.name),
+                                          percent_encoded(step.name))
+                            : step.url;
+}
+
+nlohmann::ordered_json series_list(const SiteStore& store) {
+    const SiteSeries& series = *store.series;
+    nlohmann::ordered_json list{{"time_unit", nullptr},
+                                {"min_value", nullptr},
+                                {"max_value", nullptr},
+                                {"steps", nlohmann::ordered_json::array()}};
+    if (series.time_unit) {
+        list["time_unit"] = *series.time_unit;
+    }
+    if (series.min_value && series.max_value) {
+        list["min_value"] = *series.min_value;
+        list["max_value"] = *series.max_value;
+    }
+    for (const SiteStep& step : series.steps) {
+        list["steps"].push_back(
+            {{"time", step.time}, {"url", url_of_step(store, step)}, {"bytes", step.bytes}});
+    }
+    return list;
+}
+
+}  // namespace
+
 std::string url_in_site(const SiteStore& store) {
+    if (store.series) {
+        return url_of_step(store, store.series->steps.front());
+    }
     return store.url.empty() ? fmt::format("stores/{}.isonest", percent_encoded(store.name))
                              : store.url;
 }
@@ -145,8 +178,9 @@ std::string url_in_site(const SiteStore& store) {
 std::string content_policy(const Site& site) {
     std::set<std::string> hosts;
     for (const SiteStore& store : site.stores) {
-        if (!store.url.empty()) {
-            hosts.insert(url_origin(store.url));
+        const std::string& url = store.series ? store.series->steps.front().url : store.url;
+        if (!url.empty()) {
+            hosts.insert(url_origin(url));
         }
     }
     return fmt::format(
@@ -179,6 +213,9 @@ std::string site_list(const Site& site, const std::vector<std::string>& files) {
         if (!store.unit.empty()) {
             one["unit"] = store.unit;
         }
+        if (store.series) {
+            one["series"] = series_list(store);
+        }
         list["stores"].push_back(std::move(one));
     }
     list["files"] = files;
@@ -203,6 +240,7 @@ std::string site_page(std::string_view page, const Site& site) {
 void require_own_site(const std::filesystem::path& folder) {
     const std::filesystem::path list = folder / "site.json";
     std::set<std::string> files{"site.json"};
+    std::set<std::string> folders{"stores"};
     std::error_code error;
     std::uintmax_t size = std::filesystem::file_size(list, error);
     constexpr std::uintmax_t kMaxList = std::uintmax_t{64} << 20U;
@@ -219,7 +257,10 @@ void require_own_site(const std::filesystem::path& folder) {
                   parsed.contains("files") && parsed["files"].is_array();
         if (is_ours) {
             for (const nlohmann::json& name : parsed["files"]) {
-                files.insert(name.is_string() ? name.get<std::string>() : std::string());
+                const std::filesystem::path listed(name.is_string() ? name.get<std::string>()
+                                                                    : std::string());
+                files.insert(listed.generic_string());
+                folders.insert(listed.parent_path().generic_string());
             }
         }
     }
@@ -232,7 +273,7 @@ void require_own_site(const std::filesystem::path& folder) {
          !error && entry != end; entry.increment(error)) {
         const std::string name = entry->path().lexically_relative(folder).generic_string();
         const bool is_folder = entry->is_directory(error) && !entry->is_symlink(error);
-        if (is_folder ? name != "stores" : files.find(name) == files.end()) {
+        if (!(is_folder ? folders : files).contains(name)) {
             throw Error(
                 ErrorKind::invalid_argument, {folder.string()},
                 fmt::format(
@@ -290,8 +331,34 @@ class Input {
     int fd_;
 };
 
-void copy_store(const SiteStore& store, const std::filesystem::path& to, Progress& progress) {
-    const Input from(store.file);
+/// A file to copy or to link.
+struct StoreFile {
+    const std::filesystem::path* from;
+    std::string to;  ///< in the site
+    std::uint64_t bytes;
+};
+
+std::vector<StoreFile> store_files(const Site& site) {
+    std::vector<StoreFile> files;
+    for (const SiteStore& store : site.stores) {
+        if (!store.file.empty()) {
+            files.push_back(
+                {&store.file, fmt::format("stores/{}.isonest", store.name), store.bytes});
+        }
+        if (store.series) {
+            for (const SiteStep& step : store.series->steps) {
+                if (!step.file.empty()) {
+                    files.push_back({&step.file, fmt::format("stores/{}/{}", store.name, step.name),
+                                     step.bytes});
+                }
+            }
+        }
+    }
+    return files;
+}
+
+void copy_store(const StoreFile& store, const std::filesystem::path& to, Progress& progress) {
+    const Input from(*store.from);
     OutputFile file(to, false);
     std::vector<std::byte> piece(kPiece);
     std::uint64_t at = 0;
@@ -302,19 +369,19 @@ void copy_store(const SiteStore& store, const std::filesystem::path& to, Progres
         progress.advance(size);
     }
     if (at != store.bytes) {
-        throw Error(ErrorKind::io, {store.file.string()}, "changed while it was copied",
+        throw Error(ErrorKind::io, {store.from->string()}, "changed while it was copied",
                     {{RemedyKind::open_again}});
     }
     file.publish_as_named();
 }
 
-void link_store(const SiteStore& store, const std::filesystem::path& to) {
-    if (::linkat(AT_FDCWD, store.file.c_str(), AT_FDCWD, to.c_str(), AT_SYMLINK_FOLLOW) == 0) {
+void link_store(const StoreFile& store, const std::filesystem::path& to) {
+    if (::linkat(AT_FDCWD, store.from->c_str(), AT_FDCWD, to.c_str(), AT_SYMLINK_FOLLOW) == 0) {
         return;
     }
     const int error = errno;
     throw Error(
-        ErrorKind::io, {store.file.string()},
+        ErrorKind::io, {store.from->string()},
         error == EXDEV
             ? std::string(
                   "is on a different file system from the site, so it cannot be hard-linked")
@@ -343,27 +410,22 @@ void require_outside(const std::filesystem::path& folder, const Site& site) {
 std::vector<std::string> fill(const OutputFolder& output, const Site& site,
                               const std::vector<PageFile>& page, Progress& progress) {
     std::vector<std::string> files;
+    const std::vector<StoreFile> stores = store_files(site);
     std::uint64_t all = 0;
-    bool has_stores = false;
-    for (const SiteStore& store : site.stores) {
-        has_stores = has_stores || !store.file.empty();
-        all += store.file.empty() || site.hard_links ? 0 : store.bytes;
-    }
-    if (has_stores) {
-        std::filesystem::create_directory(output.name() / "stores");
+    for (const StoreFile& store : stores) {
+        all += site.hard_links ? 0 : store.bytes;
     }
     if (all > 0) {
         progress.begin("copying", all, "B");
     }
-    for (const SiteStore& store : site.stores) {
-        if (store.file.empty()) {
-            continue;
-        }
-        files.push_back(fmt::format("stores/{}.isonest", store.name));
+    for (const StoreFile& store : stores) {
+        files.push_back(store.to);
+        const std::filesystem::path to = output.name() / store.to;
+        std::filesystem::create_directories(to.parent_path());
         if (site.hard_links) {
-            link_store(store, output.name() / files.back());
+            link_store(store, to);
         } else {
-            copy_store(store, output.name() / files.back(), progress);
+            copy_store(store, to, progress);
         }
     }
     for (const PageFile& file : page) {

@@ -37,14 +37,33 @@ struct About {
     std::string license;
 };
 
+/// A step of a series.
+struct SiteStep {
+    double time = 0;
+    std::string name;            ///< of its file in the folder of the series
+    std::filesystem::path file;  ///< empty: it is only linked
+    std::string url;             ///< its address, percent-encoded; empty: in the site's own folder
+    std::uint64_t bytes = 0;
+};
+
+struct SiteSeries {
+    std::optional<std::string> time_unit;  ///< none: unknown
+    /// Of all steps; none if there are no values.
+    std::optional<double> min_value, max_value;
+    std::vector<SiteStep> steps;  ///< at least one
+};
+
+/// A store, or a series, whose properties are those of its first step.
 struct SiteStore {
-    std::string name;            ///< its name in links, and of its file in the site
-    std::filesystem::path file;  ///< empty: the store is only linked
-    /// The file that was opened to describe the store, also if it is only linked; empty: a URL.
+    std::string name;            ///< its name in links, and of its file or folder in the site
+    std::filesystem::path file;  ///< empty: the store is only linked, or a series
+    /// The file or folder that was opened to describe the store, also if it is only linked; empty:
+    /// a URL.
     std::filesystem::path described_by;
     std::string url;  ///< its address, percent-encoded; empty: in the site's own folder
+    std::optional<SiteSeries> series;
     About about;
-    std::uint64_t bytes = 0;
+    std::uint64_t bytes = 0;  ///< of all steps
     Int3 nodes;
     std::string type;
     std::string unit;      ///< of length; empty: unknown
@@ -62,7 +81,7 @@ inline constexpr std::uint64_t kPageMemory = std::uint64_t{256} << 20U;
 
 /// Percent-encodes a name, such as a file name, as part of a URL's path.
 std::string percent_encoded(std::string_view text);
-/// "stores/NAME.isonest", percent-encoded, or the store's url.
+/// "stores/NAME.isonest", percent-encoded, or the store's url; for a series, of its first step.
 std::string url_in_site(const SiteStore& store);
 /// The list that the page reads. `files`: all files of the folder, which isonest may replace.
 std::string site_list(const Site& site, const std::vector<std::string>& files);

@@ -5,6 +5,9 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <memory>
+#include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -105,11 +108,23 @@ Json header_of(const MeshRequest& request, const ExtractReport& r, const MeshMes
     return header;
 }
 
-HttpAnswer as_answer(MeshMessage& mesh, const MeshRequest& request, const ExtractReport& report) {
+std::string value_name(const MeshRequest& request) {
+    return request.color_store != nullptr ? request.color : "value";
+}
+
+HttpAnswer as_answer(MeshMessage& mesh, const MeshRequest& request, const ExtractReport& report,
+                     const std::optional<VertexFieldReport>& color) {
     if (report.smooth) {
         mesh.make_normals();
     }
-    return {200, "application/octet-stream", mesh.finish(header_of(request, report, mesh)), {}};
+    Json header = header_of(request, report, mesh);
+    if (color) {
+        const bool is_bounded = color->bounded_elements > 0 || color->unbounded_elements == 0;
+        header["color"] = color->name;
+        header["color_bound"] = is_bounded ? Json(color->linear_bound) : Json();
+        header["uncolored_triangles"] = color->unbounded_elements;
+    }
+    return {200, "application/octet-stream", mesh.finish(std::move(header)), {}};
 }
 
 /// A slider needs its answer at once; a user who set a limit waits for the best mesh.
@@ -118,56 +133,78 @@ constexpr double kPatience = 2;
 
 }  // namespace
 
-ExtractReport MeshAnswers::extract_to(MeshSink& sink, const MeshRequest& request, double rounding,
-                                      Progress& progress) const {
-    ExtractOptions options;
-    options.memory = budget_.memory;
-    options.threads = budget_.threads;
-    const auto error = [&] { return possible_error(std::get<ErrorBound>(request.stop), store_); };
-    if (request.is_slice() && store_.nodes().z == 1) {
-        return extract(store_, plane_query(request, error(), store_), sink, options, progress);
+namespace {
+
+ExtractReport extract_one(MeshSink& sink, const Store& store, const MeshRequest& request,
+                          double rounding, const ExtractOptions& options, Progress& progress) {
+    const auto error = [&] { return possible_error(std::get<ErrorBound>(request.stop), store); };
+    if (request.is_slice() && store.nodes().z == 1) {
+        return extract(store, plane_query(request, error(), store), sink, options, progress);
     }
     if (request.is_slice()) {
-        return extract(store_, slice_query(request, error()), sink, options, progress);
+        return extract(store, slice_query(request, error()), sink, options, progress);
     }
     const auto* const distance = std::get_if<DistanceBound>(&request.stop);
     const SurfaceStop stop = distance != nullptr
                                  ? SurfaceStop(DistanceBound{distance->value - rounding})
                                  : SurfaceStop(error());
     if (std::holds_alternative<LabelChoice>(request.what)) {
-        return extract(store_, label_query(request, stop), sink, options, progress);
+        return extract(store, label_query(request, stop), sink, options, progress);
     }
-    return extract(store_, surface_query(request, stop), sink, options, progress);
+    return extract(store, surface_query(request, stop), sink, options, progress);
 }
+
+}  // namespace
+
+MeshAnswers::Extracted MeshAnswers::extract_to(MeshSink& sink, const Store& store,
+                                               const MeshRequest& request, double rounding,
+                                               Progress& progress) const {
+    ExtractOptions options;
+    options.memory = budget_.memory;
+    options.threads = budget_.threads;
+    if (request.color_store == nullptr) {
+        return {extract_one(sink, store, request, rounding, options, progress), std::nullopt};
+    }
+    const std::uint64_t of_color = options.memory / 4;
+    options.memory -= of_color;
+    VertexFields fields({{request.color, {request.color_store}}}, {of_color, budget_.threads});
+    const std::unique_ptr<MeshSink> colored = fields.sink(sink);
+    const ExtractReport report = extract_one(*colored, store, request, rounding, options, progress);
+    return {report, fields.reports().front()};
+}
+
+namespace {
 
 /// The part of the requested distance that rounding positions may take: none if the distance is too
 /// small.
-double MeshAnswers::rounding_within(const MeshRequest& request) const {
+double rounding_within(const Store& store, const MeshRequest& request) {
     const auto* const distance = std::get_if<DistanceBound>(&request.stop);
     if (distance == nullptr) {
         return 0;
     }
     // The box of a rotated volume's mesh is at most as long as the diagonal.
-    const double diagonal = diagonal_of(store_.reader().layout().header());
+    const double diagonal = diagonal_of(store.reader().layout().header());
     const double most = MeshMessage::rounding_of({diagonal, diagonal, diagonal});
     return 2 * most < distance->value ? most : 0;
 }
 
-HttpAnswer MeshAnswers::within_triangles(MeshRequest request, std::uint64_t most, double seconds,
-                                         Progress& progress) {
+}  // namespace
+
+HttpAnswer MeshAnswers::within_triangles(const Store& store, MeshRequest request,
+                                         std::uint64_t most, double seconds, Progress& progress) {
     request.camera.reset();
     ErrorChoice::Search search(choice_, std::min(most, budget_.max_triangles), seconds);
     HttpAnswer answer;
     std::uint64_t fewest = 0;
     while (const std::optional<double> error = search.next()) {
         request.stop = ErrorBound{*error};
-        MeshMessage mesh(std::min(most, budget_.max_triangles));
+        MeshMessage mesh(std::min(most, budget_.max_triangles), value_name(request));
         const auto start = std::chrono::steady_clock::now();
         std::uint64_t triangles = 0;
         try {
-            const ExtractReport report = extract_to(mesh, request, 0, progress);
-            triangles = report.triangles;
-            answer = as_answer(mesh, request, report);
+            const Extracted made = extract_to(mesh, store, request, 0, progress);
+            triangles = made.report.triangles;
+            answer = as_answer(mesh, request, made.report, made.color);
         } catch (const TooManyTriangles& e) {
             triangles = e.triangles;
             fewest = e.triangles;
@@ -178,23 +215,25 @@ HttpAnswer MeshAnswers::within_triangles(MeshRequest request, std::uint64_t most
     }
     choice_.learn(search);
     if (!search.best()) {
-        throw Error(ErrorKind::limit, {store_.path().string()},
+        throw Error(ErrorKind::limit, {store.path().string()},
                     fmt::format("the coarsest mesh has {} triangles, more than {}", fewest, most));
     }
     return answer;
 }
 
-HttpAnswer MeshAnswers::within_stop(const MeshRequest& request, Progress& progress) {
+HttpAnswer MeshAnswers::within_stop(const Store& store, const MeshRequest& request,
+                                    Progress& progress) {
     const bool has_limit = request.limit && *request.limit <= budget_.max_triangles;
-    MeshMessage mesh(has_limit ? *request.limit : budget_.max_triangles);
+    MeshMessage mesh(has_limit ? *request.limit : budget_.max_triangles, value_name(request));
     try {
-        const ExtractReport report = extract_to(mesh, request, rounding_within(request), progress);
-        return as_answer(mesh, request, report);
+        const Extracted made =
+            extract_to(mesh, store, request, rounding_within(store, request), progress);
+        return as_answer(mesh, request, made.report, made.color);
     } catch (const TooManyTriangles& e) {
         if (request.limit && !std::holds_alternative<LabelChoice>(request.what)) {
-            return within_triangles(request, *request.limit, kPatience, progress);
+            return within_triangles(store, request, *request.limit, kPatience, progress);
         }
-        throw Error(ErrorKind::limit, {store_.path().string()},
+        throw Error(ErrorKind::limit, {store.path().string()},
                     fmt::format("the mesh has {} triangles; this memory is enough for {}",
                                 e.triangles, budget_.max_triangles),
                     request.smooth ? std::vector<Remedy>{{RemedyKind::more_memory}}
@@ -203,11 +242,12 @@ HttpAnswer MeshAnswers::within_stop(const MeshRequest& request, Progress& progre
     }
 }
 
-HttpAnswer MeshAnswers::message(const MeshRequest& request, Progress& progress) {
+HttpAnswer MeshAnswers::message(const Store& store, const MeshRequest& request,
+                                Progress& progress) {
     if (const auto* const most = std::get_if<AtMostTriangles>(&request.stop)) {
-        return within_triangles(request, most->most, kSliderSeconds, progress);
+        return within_triangles(store, request, most->most, kSliderSeconds, progress);
     }
-    return within_stop(request, progress);
+    return within_stop(store, request, progress);
 }
 
 }  // namespace isonest::detail::view

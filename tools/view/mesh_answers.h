@@ -7,6 +7,7 @@
 #include <string>
 
 #include <isonest/extract.h>
+#include <isonest/vertex_fields.h>
 
 #include "tools/view/http_messages.h"
 #include "tools/view/mesh_request.h"
@@ -65,30 +66,33 @@ struct MeshBudget {
     int threads = 0;
 };
 
-/// Answers one request after the other. Not thread-safe.
+/// Answers one request after the other, for one store or for the steps of a series: what was learnt
+/// from one of them is where the search for the next one begins. Not thread-safe.
 class MeshAnswers {
   public:
-    MeshAnswers(const Store& store, const MeshBudget& budget, double range)
-        : store_(store), budget_(budget), choice_(range) {}
+    /// `range`: of the values of all these stores.
+    MeshAnswers(const MeshBudget& budget, double range) : budget_(budget), choice_(range) {}
 
     /// A message according to PROTOCOL.md. Throws what extract() throws, and Error{limit} if the
     /// mesh would be too large.
-    HttpAnswer message(const MeshRequest& request, Progress& progress);
+    HttpAnswer message(const Store& store, const MeshRequest& request, Progress& progress);
     /// The mesh as a file with this extension, in its own folder below `scratch`. Throws the same
     /// errors.
-    HttpAnswer file(const MeshRequest& request, const std::string& ending,
+    HttpAnswer file(const Store& store, const MeshRequest& request, const std::string& ending,
                     const std::filesystem::path& scratch, Progress& progress);
 
   private:
     /// `rounding`: part of a distance tolerance that is reserved for rounding.
-    ExtractReport extract_to(MeshSink& sink, const MeshRequest& request, double rounding,
-                             Progress& progress) const;
-    [[nodiscard]] double rounding_within(const MeshRequest& request) const;
-    HttpAnswer within_triangles(MeshRequest request, std::uint64_t most, double seconds,
-                                Progress& progress);
-    HttpAnswer within_stop(const MeshRequest& request, Progress& progress);
+    struct Extracted {
+        ExtractReport report;
+        std::optional<VertexFieldReport> color;  ///< of the quantity by which it is coloured
+    };
+    Extracted extract_to(MeshSink& sink, const Store& store, const MeshRequest& request,
+                         double rounding, Progress& progress) const;
+    HttpAnswer within_triangles(const Store& store, MeshRequest request, std::uint64_t most,
+                                double seconds, Progress& progress);
+    HttpAnswer within_stop(const Store& store, const MeshRequest& request, Progress& progress);
 
-    const Store& store_;
     MeshBudget budget_;
     ErrorChoice choice_;
 };

@@ -20,6 +20,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr double kSteps = 65535;
+constexpr std::uint16_t kMissing = 65535;
 constexpr std::size_t kAlignment = 16;
 constexpr std::uint32_t kVersion = 1;
 /// Below this size, uncompressed bytes cost less than decoding.
@@ -113,13 +114,13 @@ void MeshMessage::begin(const MeshLayout& layout) {
     }
     positions_.assign(layout.vertices, {});
     normals_.assign(layout.find("normal") != nullptr ? layout.vertices : 0, {});
-    values_.assign(layout.find("value") != nullptr ? layout.vertices : 0, 0);
+    values_.assign(layout.find(value_name_) != nullptr ? layout.vertices : 0, 0);
     indices_.assign(layout.elements * 3, 0);
 }
 
 void MeshMessage::add_vertices(const VertexBatch& batch) {
     const VertexAttribute* const normal = layout_.find("normal");
-    const VertexAttribute* const value = layout_.find("value");
+    const VertexAttribute* const value = layout_.find(value_name_);
     for (std::size_t i = 0; i < batch.positions.size(); ++i) {
         Position& out = positions_[batch.first + i];
         for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -156,7 +157,7 @@ double MeshMessage::rounding_of(const std::array<double, 3>& extent) {
 }
 
 void MeshMessage::round_values(Json& header) {
-    if (layout_.find("value") == nullptr) {
+    if (layout_.find(value_name_) == nullptr) {
         return;
     }
     double low = std::numeric_limits<double>::infinity();
@@ -168,11 +169,19 @@ void MeshMessage::round_values(Json& header) {
         }
     }
     low = low <= high ? low : 0;
-    const double step = low < high ? (high - low) / kSteps : 0;
+    const bool has_missing = std::any_of(values_.begin(), values_.end(),
+                                         [](float value) { return !std::isfinite(value); });
+    // The last step stands for a missing value.
+    const double steps = has_missing ? kSteps - 1 : kSteps;
+    const double step = low < high ? (high - low) / steps : 0;
     for (std::size_t i = 0; i < values_.size(); ++i) {
-        positions_[i][3] = step > 0 && std::isfinite(values_[i])
-                               ? rounded((values_[i] - low) / step)
-                               : std::uint16_t{0};
+        const bool is_missing = !std::isfinite(values_[i]);
+        positions_[i][3] = is_missing ? kMissing
+                           : step > 0 ? rounded((values_[i] - low) / step)
+                                      : std::uint16_t{0};
+    }
+    if (has_missing) {
+        header["value_missing"] = kMissing;
     }
     header["value_origin"] = low;
     header["value_step"] = step;

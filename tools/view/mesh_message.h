@@ -7,6 +7,7 @@
 #include <exception>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <isonest/mesh_sink.h>
@@ -24,8 +25,10 @@ struct TooManyTriangles : public std::exception {
 /// between the smallest and the largest.
 class MeshMessage : public MeshSink {
   public:
-    /// begin() throws TooManyTriangles above `most` triangles.
-    explicit MeshMessage(std::uint64_t most) : max_(most) {}
+    /// begin() throws TooManyTriangles above `most` triangles. `value_name`: the attribute that is
+    /// sent as the vertices' value, if the mesh has it.
+    explicit MeshMessage(std::uint64_t most, std::string value_name = "value")
+        : max_(most), value_name_(std::move(value_name)) {}
 
     /// Maximum heap in bytes per triangle while a message is made. A mesh has at most three
     /// vertices per triangle, usually about half a vertex, and without normals of its own always
@@ -57,6 +60,7 @@ class MeshMessage : public MeshSink {
     void round_values(nlohmann::ordered_json& header);
 
     std::uint64_t max_;
+    std::string value_name_;
     MeshLayout layout_;
     std::array<double, 3> origin_{};
     std::array<double, 3> step_{};

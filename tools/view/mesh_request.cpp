@@ -245,6 +245,9 @@ MeshRequest parse_mesh_request(RequestTarget& target, bool is_slice, bool are_la
         }
         request.smooth = LabelSmoothing{static_cast<int>(*passes)};
     }
+    if (const auto color = is_slice ? std::nullopt : target.text("color")) {
+        request.color = *color;
+    }
     if (request.camera && !std::holds_alternative<ErrorBound>(request.stop)) {
         fail("camera can be combined with an error only");
     }
@@ -340,6 +343,10 @@ std::string command_line(const MeshRequest& request, const Store& store,
         line += fmt::format(" --smooth={}", request.smooth->passes);
     } else if (!request.is_slice()) {
         line += " --normals";  // like the page's meshes
+    }
+    if (request.color_store != nullptr) {
+        line += " --vertex-values " +
+                quoted(request.color + "=" + request.color_store->path().string());
     }
     return line + " -o " + quoted(output);
 }

@@ -58,6 +58,8 @@ struct MeshRequest {
     std::optional<WorldBox> box = {};
     bool largest_component = false;
     std::optional<LabelSmoothing> smooth = {};  ///< for a label
+    std::string color = {};                     ///< the quantity by which a surface is coloured
+    const Store* color_store = nullptr;         ///< its values; null: none
 
     [[nodiscard]] bool is_slice() const { return std::holds_alternative<WorldPlane>(what); }
 };

@@ -7,13 +7,16 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <isonest/error.h>
+#include <isonest/labels.h>
 #include <isonest/version.h>
 
 #include "query/statistics/find_labels.h"
@@ -282,10 +285,12 @@ MemoryShares MemoryShares::of_page(std::uint64_t memory) {
     return shares;
 }
 
-StoreAnswers::StoreAnswers(const Store& store, const MemoryShares& shares, int threads)
+StoreAnswers::StoreAnswers(const Store& store, const MemoryShares& shares, int threads,
+                           std::vector<Quantity> quantities)
     : store_(store),
       shares_(shares),
       threads_(threads),
+      quantities_(std::move(quantities)),
       first_(fetch_first_levels(store.reader())) {
     require_even_axes(store.uneven_axes(), store.path().string(), "the viewer");
 }
@@ -302,6 +307,40 @@ HttpAnswer StoreAnswers::label(RequestTarget& target) const {
         throw Error(ErrorKind::invalid_argument, "id is missing: a label");
     }
     return json_answer(label_json(store_, *id));
+}
+
+bool StoreAnswers::take_labels(RequestTarget& target) {
+    const bool named = target.integer("named", 0, 1).value_or(0) == 1;
+    target.require_all_taken();
+    return named;
+}
+
+HttpAnswer StoreAnswers::labels(bool named, Progress& progress) const {
+    std::map<std::int64_t, Json> all;
+    for (const LabelName& label : store_.label_names()) {
+        all[label.id] = label_json(store_, label.id);
+        all[label.id]["nodes"] = nullptr;
+    }
+    if (!named) {
+        LabelOptions options;
+        options.memory = shares_.small;
+        options.threads = threads_;
+        for (auto& [id, label] : all) {
+            label["nodes"] = 0;
+        }
+        for (const Label& label : find_labels(store_, options, progress)) {
+            Json& json = all[label.id];
+            if (json.is_null()) {
+                json = label_json(store_, label.id);
+            }
+            json["nodes"] = label.nodes;
+        }
+    }
+    Json list = Json::array();
+    for (auto& [id, label] : all) {
+        list.push_back(std::move(label));
+    }
+    return json_answer({{"labels", std::move(list)}});
 }
 
 HistogramOptions StoreAnswers::take_histogram(RequestTarget& target) const {
@@ -351,6 +390,12 @@ HttpAnswer StoreAnswers::value(const Double3& place) const {
             }
         }
     }
+    if (!quantities_.empty()) {
+        Json& all = json["quantities"] = Json::object();
+        for (const Quantity& quantity : quantities_) {
+            all[quantity.name] = value(value_at(*quantity.store, place, shares_.small).value);
+        }
+    }
     return json_answer(json);
 }
 
@@ -358,18 +403,33 @@ MeshRequest StoreAnswers::take_mesh(RequestTarget& target, const std::string& pa
     const bool is_slice = path == "/api/slice" || (path != "/api/surface" && target.has("plane"));
     MeshRequest request = parse_mesh_request(target, is_slice, are_labels());
     target.require_all_taken();
+    if (request.color.empty()) {
+        return request;
+    }
+    const auto found = std::find_if(quantities_.begin(), quantities_.end(),
+                                    [&](const Quantity& q) { return q.name == request.color; });
+    if (found == quantities_.end()) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("color '{}': there is no such quantity; isonest view "
+                                "--vertex-values NAME=STORE adds one",
+                                request.color));
+    }
+    request.color_store = found->store;
     return request;
 }
 
-HttpAnswer StoreAnswers::describe() const {
-    const bool any = store_.min_value() <= store_.max_value();
+HttpAnswer StoreAnswers::describe(const SeriesSummary* series) const {
+    const StoreReader& reader = store_.reader();
+    const double min = series != nullptr ? series->min_value : reader.min_value();
+    const double max = series != nullptr ? series->max_value : reader.max_value();
+    const bool any = min <= max;
     const Int3 nodes = store_.nodes();
     const int dimension = int{nodes.x > 1} + int{nodes.y > 1} + int{nodes.z > 1};
     const bool integer = store_.type() != ValueType::f32 && store_.type() != ValueType::f64;
     Json json = {
-        {"name", store_.path().filename().string()},
+        {"name", series != nullptr ? series->name : store_.path().filename().string()},
         {"nodes", array_of(nodes)},
-        {"type", type_of_values(store_.reader().layout().header())},
+        {"type", type_of_values(reader.layout().header())},
         {"spacing", store_.spacing()},
         {"origin", store_.origin()},
         {"direction", store_.direction()},
@@ -377,20 +437,34 @@ HttpAnswer StoreAnswers::describe() const {
         {"frame",
          store_.frame() == AnatomicalFrame::unknown ? Json() : Json(name_of(store_.frame()))},
         {"box", world_box(store_)},
-        {"min_value", any ? value_json(store_.reader(), store_.reader().min_value()) : Json()},
-        {"max_value", any ? value_json(store_.reader(), store_.reader().max_value()) : Json()},
+        {"min_value", any ? value_json(reader, min) : Json()},
+        {"max_value", any ? value_json(reader, max) : Json()},
         {"integer", integer},
-        {"has_missing", store_.has_missing()},
+        {"has_missing", series != nullptr ? series->has_missing : store_.has_missing()},
         {"levels", store_.levels()},
         {"labels", are_labels()},
+        {"remote", store_.is_remote()},
         {"dimension", dimension},
-        {"file_bytes", store_.reader().file_bytes()},
-        {"largest_error", 2 * range_of(store_)},
-        {"tolerance", store_.rounding().tolerance},
+        {"file_bytes", series != nullptr ? series->file_bytes : reader.file_bytes()},
+        {"largest_error", 2 * (series != nullptr ? series->range : range_of(store_))},
+        {"tolerance", series != nullptr ? series->tolerance : store_.rounding().tolerance},
         {"first_error", first_ ? number(first_->error) : Json()},
         {"most_triangles", shares_.surface_message / MeshMessage::kTriangleHeap},
         {"memory", shares_.memory},
-        {"version", ISONEST_VERSION}};
+        {"version", ISONEST_VERSION},
+        {"series", nullptr},
+        {"quantities", Json::array()}};
+    for (const Quantity& quantity : quantities_) {
+        const bool has_values = quantity.store->min_value() <= quantity.store->max_value();
+        json["quantities"].push_back(
+            {{"name", quantity.name},
+             {"min_value", has_values ? Json(quantity.store->min_value()) : Json()},
+             {"max_value", has_values ? Json(quantity.store->max_value()) : Json()}});
+    }
+    if (series != nullptr) {
+        json["series"] = {{"time_unit", series->time_unit ? Json(*series->time_unit) : Json()},
+                          {"times", series->times}};
+    }
     return json_answer(json);
 }
 

@@ -5,10 +5,12 @@
 
 #include <cstdint>
 #include <exception>
+#include <limits>
 #include <new>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <isonest/error.h>
 #include <isonest/int3.h>
@@ -89,20 +91,45 @@ struct MemoryShares {
 /// Largest value minus the smallest; 0 if there are none.
 double range_of(const Store& store);
 
+/// What a page needs to know about a series besides the properties of its stores.
+struct SeriesSummary {
+    std::string name;                      ///< of its folder
+    std::optional<std::string> time_unit;  ///< none: unknown
+    std::vector<double> times;             ///< of the steps, ascending
+    /// Of all steps, as StoreReader gives them; min_value > max_value if there is no value.
+    double min_value = std::numeric_limits<double>::infinity();
+    double max_value = -std::numeric_limits<double>::infinity();
+    double range = 0;      ///< of all steps, see range_of()
+    double tolerance = 0;  ///< the largest of the steps
+    bool has_missing = false;
+    std::uint64_t file_bytes = 0;  ///< of all steps
+};
+
+/// A quantity by which surfaces are coloured.
+struct Quantity {
+    std::string name;              ///< as of a VertexField
+    const Store* store = nullptr;  ///< of any lattice; not of labels
+};
+
 /// Each method answers as described in PROTOCOL.md. Thread-safety: all methods from any thread.
 /// They throw what the queries of the store throw, and Error{invalid_argument} for invalid
 /// parameters.
 class StoreAnswers {
   public:
-    /// `store` must outlive this object. For a remote store, the coarsest levels are requested at
-    /// once.
-    StoreAnswers(const Store& store, const MemoryShares& shares, int threads);
+    /// `store` and the stores of `quantities` must outlive this object. For a remote store, the
+    /// coarsest levels are requested at once.
+    StoreAnswers(const Store& store, const MemoryShares& shares, int threads,
+                 std::vector<Quantity> quantities = {});
 
     [[nodiscard]] bool are_labels() const;
-    /// /api/store
-    [[nodiscard]] HttpAnswer describe() const;
+    /// /api/store. `series`: if this store is one of its steps.
+    [[nodiscard]] HttpAnswer describe(const SeriesSummary* series = nullptr) const;
     /// /api/label
     HttpAnswer label(RequestTarget& target) const;
+    /// /api/labels. `named`: only those with a name or a colour, for which no values are read.
+    [[nodiscard]] HttpAnswer labels(bool named, Progress& progress) const;
+    /// Takes the parameters of /api/labels; whether only named ones are wanted.
+    static bool take_labels(RequestTarget& target);
     /// Takes the parameters of /api/histogram; then its answer.
     HistogramOptions take_histogram(RequestTarget& target) const;
     [[nodiscard]] HttpAnswer histogram(const HistogramOptions& options, Progress& progress) const;
@@ -116,6 +143,7 @@ class StoreAnswers {
     const Store& store_;
     MemoryShares shares_;
     int threads_;
+    std::vector<Quantity> quantities_;
     std::optional<FirstLevels> first_;
 };
 

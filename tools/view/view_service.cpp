@@ -108,46 +108,6 @@ void remove_listed_folders() {
     }
 }
 
-StoreWatch::StoreWatch(const Store& store) {
-    if (store.is_remote()) {
-        return;
-    }
-    path_ = std::filesystem::absolute(store.path());
-    if (::stat(path_.c_str(), &opened_) != 0) {
-        throw Error(ErrorKind::not_found, {store.path().string()}, "no such file");
-    }
-}
-
-StoreState StoreWatch::state() const {
-    if (path_.empty()) {
-        return StoreState::same;
-    }
-    struct stat now {};
-    if (::stat(path_.c_str(), &now) != 0 || now.st_dev != opened_.st_dev ||
-        now.st_ino != opened_.st_ino) {
-        return StoreState::replaced;
-    }
-    if (now.st_size < opened_.st_size) {
-        return StoreState::cut_off;
-    }
-    const bool written = now.st_size != opened_.st_size ||
-                         now.st_mtim.tv_sec != opened_.st_mtim.tv_sec ||
-                         now.st_mtim.tv_nsec != opened_.st_mtim.tv_nsec;
-    return written ? StoreState::replaced : StoreState::same;
-}
-
-const char* name_of(StoreState state) {
-    switch (state) {
-        case StoreState::same:
-            return "ok";
-        case StoreState::replaced:
-            return "replaced";
-        case StoreState::cut_off:
-            return "cut off";
-    }
-    return "";
-}
-
 void Streams::require_name(const std::string& name) {
     constexpr std::size_t kMaxLetters = 64;
     const bool good = std::all_of(name.begin(), name.end(), [](unsigned char c) {
@@ -194,8 +154,9 @@ std::filesystem::path new_folder(const std::filesystem::path& scratch) {
 
 }  // namespace
 
-HttpAnswer MeshAnswers::file(const MeshRequest& request, const std::string& ending,
-                             const std::filesystem::path& scratch, Progress& progress) {
+HttpAnswer MeshAnswers::file(const Store& store, const MeshRequest& request,
+                             const std::string& ending, const std::filesystem::path& scratch,
+                             Progress& progress) {
     if (std::holds_alternative<AtMostTriangles>(request.stop)) {
         throw Error(ErrorKind::invalid_argument,
                     "mesh files need an error, a camera or a distance, not a number of triangles");
@@ -206,10 +167,10 @@ HttpAnswer MeshAnswers::file(const MeshRequest& request, const std::string& endi
     list_folder(folder);
     const auto* const choice = std::get_if<LabelChoice>(&request.what);
     const LabelName label =
-        choice != nullptr ? store_.label_name(choice->id).value_or(LabelName{}) : LabelName{};
+        choice != nullptr ? store.label_name(choice->id).value_or(LabelName{}) : LabelName{};
     const std::unique_ptr<MeshSink> sink =
         open_mesh_file(file.path(), {.title = label.name, .color = label.color});
-    extract_to(*sink, request, 0, progress);
+    extract_to(*sink, store, request, 0, progress);
     return {200, "application/octet-stream", std::move(file), name};
 }
 
@@ -235,21 +196,17 @@ std::string take_ending(RequestTarget& target) {
 
 }  // namespace
 
-ViewService::ViewService(const Store& store, const MemoryShares& shares, int threads, Access access,
+ViewService::ViewService(ViewedSteps& steps, const MemoryShares& shares, int threads, Access access,
                          std::function<std::size_t()> connections)
-    : store_(store),
+    : steps_(steps),
       shares_(shares),
-      answers_(store, shares, threads),
       access_(std::move(access)),
       connections_(std::move(connections)),
-      watch_(store),
-      surfaces_(store,
-                {shares.surface, shares.surface_message / MeshMessage::kTriangleHeap, threads},
-                range_of(store)),
-      slices_(store, {shares.slice, shares.slice_message / MeshMessage::kTriangleHeap, threads},
-              range_of(store)),
-      files_(store, {shares.file, std::numeric_limits<std::uint64_t>::max(), threads},
-             range_of(store)),
+      surfaces_({shares.surface, shares.surface_message / MeshMessage::kTriangleHeap, threads},
+                steps.range()),
+      slices_({shares.slice, shares.slice_message / MeshMessage::kTriangleHeap, threads},
+              steps.range()),
+      files_({shares.file, std::numeric_limits<std::uint64_t>::max(), threads}, steps.range()),
       surface_lane_(kMaxWaiting),
       slice_lane_(kMaxWaiting),
       file_lane_(kMaxWaiting),
@@ -314,39 +271,68 @@ std::shared_ptr<Waiting> ViewService::answer(const HttpRequest& request, Request
         target.require_all_taken();
         return at_once(status());
     }
-    if (const StoreState state = watch_.state(); state != StoreState::same) {
+    const std::size_t step = take_step(target);
+    if (const StoreState state = steps_.state(step); state != StoreState::same) {
         return at_once(
             plain_error(410, "corrupt",
                         fmt::format("{}: was {} since it was opened: start isonest view again",
-                                    store_.path().string(), name_of(state))));
+                                    steps_.path(step).string(), name_of(state))));
     }
     if (path == "/api/store") {
         target.require_all_taken();
-        return at_once(answers_.describe());
+        return at_once(steps_.first().answers.describe(steps_.series()));
     }
     if (path == "/api/command") {
-        return at_once(command(target));
+        return at_once(command(step, target));
     }
     if (path == "/api/label") {
-        return at_once(answers_.label(target));
+        return at_once(steps_.open(step)->answers.label(target));
+    }
+    if (path == "/api/labels") {
+        const bool named = StoreAnswers::take_labels(target);
+        return start(small_lane_, stream,
+                     on_step(step,
+                             [named](const OpenStep& opened, Progress& progress) {
+                                 return opened.answers.labels(named, progress);
+                             }),
+                     reply);
     }
     if (path == "/api/surface" || path == "/api/slice") {
-        return start_mesh(target, stream, reply);
+        return start_mesh(step, target, stream, reply);
     }
     if (path == "/api/export") {
-        return start_file(target, stream, reply);
+        return start_file(step, target, stream, reply);
     }
     if (path == "/api/value") {
-        return start_value(target, stream, reply);
-    }
-    if (path == "/api/histogram") {
-        const HistogramOptions options = answers_.take_histogram(target);
+        const Double3 place = StoreAnswers::take_place(target);
         return start(
             small_lane_, stream,
-            [this, options](Progress& progress) { return answers_.histogram(options, progress); },
+            on_step(step, [place](const OpenStep& opened,
+                                  Progress& /*progress*/) { return opened.answers.value(place); }),
             reply);
     }
+    if (path == "/api/histogram") {
+        const HistogramOptions options = steps_.first().answers.take_histogram(target);
+        return start(small_lane_, stream,
+                     on_step(step,
+                             [options](const OpenStep& opened, Progress& progress) {
+                                 return opened.answers.histogram(options, progress);
+                             }),
+                     reply);
+    }
     return at_once(plain_error(404, "not_found", fmt::format("there is nothing at {}", path)));
+}
+
+std::size_t ViewService::take_step(RequestTarget& target) const {
+    const auto last = static_cast<std::int64_t>(steps_.count()) - 1;
+    return static_cast<std::size_t>(target.integer("step", 0, last).value_or(0));
+}
+
+ViewService::Work ViewService::on_step(std::size_t step, StepWork work) {
+    return [this, step, work = std::move(work)](Progress& progress) {
+        const std::shared_ptr<const OpenStep> opened = steps_.open(step);
+        return work(*opened, progress);
+    };
 }
 
 std::shared_ptr<Waiting> ViewService::start(WorkLane& lane, const std::string& stream, Work work,
@@ -372,36 +358,33 @@ std::shared_ptr<Waiting> ViewService::start(WorkLane& lane, const std::string& s
     return job;
 }
 
-std::shared_ptr<Waiting> ViewService::start_mesh(RequestTarget& target, const std::string& stream,
-                                                 const Reply& reply) {
-    MeshRequest request = answers_.take_mesh(target, target.path());
+std::shared_ptr<Waiting> ViewService::start_mesh(std::size_t step, RequestTarget& target,
+                                                 const std::string& stream, const Reply& reply) {
+    // What a request may contain depends only on the type of the values, which all steps share.
+    MeshRequest request = steps_.first().answers.take_mesh(target, target.path());
     const bool is_slice = request.is_slice();
-    return start(
-        is_slice ? slice_lane_ : surface_lane_, stream,
-        [this, request = std::move(request), is_slice](Progress& progress) {
-            return (is_slice ? slices_ : surfaces_).message(request, progress);
-        },
-        reply);
+    return start(is_slice ? slice_lane_ : surface_lane_, stream,
+                 on_step(step,
+                         [this, request = std::move(request), is_slice](const OpenStep& opened,
+                                                                        Progress& progress) {
+                             MeshAnswers& meshes = is_slice ? slices_ : surfaces_;
+                             return meshes.message(opened.store, request, progress);
+                         }),
+                 reply);
 }
 
-std::shared_ptr<Waiting> ViewService::start_file(RequestTarget& target, const std::string& stream,
-                                                 const Reply& reply) {
+std::shared_ptr<Waiting> ViewService::start_file(std::size_t step, RequestTarget& target,
+                                                 const std::string& stream, const Reply& reply) {
     const std::string ending = take_ending(target);
-    MeshRequest request = answers_.take_mesh(target, target.path());
-    return start(
-        file_lane_, stream,
-        [this, request = std::move(request), ending](Progress& progress) {
-            return files_.file(request, ending, temporary_folder(), progress);
-        },
-        reply);
-}
-
-std::shared_ptr<Waiting> ViewService::start_value(RequestTarget& target, const std::string& stream,
-                                                  const Reply& reply) {
-    const Double3 place = StoreAnswers::take_place(target);
-    return start(
-        small_lane_, stream,
-        [this, place](Progress& /*progress*/) { return answers_.value(place); }, reply);
+    MeshRequest request = steps_.first().answers.take_mesh(target, target.path());
+    return start(file_lane_, stream,
+                 on_step(step,
+                         [this, request = std::move(request), ending](const OpenStep& opened,
+                                                                      Progress& progress) {
+                             return files_.file(opened.store, request, ending, temporary_folder(),
+                                                progress);
+                         }),
+                 reply);
 }
 
 HttpAnswer ViewService::status() const {
@@ -415,9 +398,9 @@ HttpAnswer ViewService::status() const {
                  {"served", served_.load()},
                  {"cancelled", cancelled_.load()},
                  {"connections", connections_()},
-                 {"store", name_of(watch_.state())}};
-    if (store_.is_remote()) {
-        const FetchedCounts counts = store_.fetched();
+                 {"store", name_of(steps_.state())}};
+    if (const Store& store = steps_.first().store; store.is_remote()) {
+        const FetchedCounts counts = store.fetched();
         json["remote"] = {{"remote_bytes", counts.remote_bytes},
                           {"requests", counts.requests},
                           {"round_trips", counts.round_trips},
@@ -426,16 +409,17 @@ HttpAnswer ViewService::status() const {
     return json_answer(json);
 }
 
-HttpAnswer ViewService::command(RequestTarget& target) const {
+HttpAnswer ViewService::command(std::size_t step, RequestTarget& target) {
     const std::string ending = take_ending(target);
-    const MeshRequest request = answers_.take_mesh(target, target.path());
+    const std::shared_ptr<const OpenStep> opened = steps_.open(step);
+    const MeshRequest request = opened->answers.take_mesh(target, target.path());
     if (std::holds_alternative<AtMostTriangles>(request.stop)) {
         throw Error(ErrorKind::invalid_argument,
                     "commands need an error, a camera or a distance, not a number of triangles");
     }
     const std::string file = (request.is_slice() ? "slice." : "surface.") + ending;
     open_mesh_file(file);  // throws if no format has this extension, and creates no file
-    return json_answer({{"command", command_line(request, store_, file)}});
+    return json_answer({{"command", command_line(request, opened->store, file)}});
 }
 
 }  // namespace isonest::detail::view

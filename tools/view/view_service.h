@@ -1,7 +1,5 @@
-// The answers of the viewer's server (PROTOCOL.md) for one store.
+// The answers of the viewer's server (PROTOCOL.md) for one store or one series.
 #pragma once
-
-#include <sys/stat.h>
 
 #include <cstdint>
 #include <filesystem>
@@ -11,12 +9,11 @@
 #include <optional>
 #include <string>
 
-#include <isonest/store.h>
-
 #include "tools/view/http_server.h"
 #include "tools/view/mesh_answers.h"
 #include "tools/view/mesh_request.h"
 #include "tools/view/store_answers.h"
+#include "tools/view/viewed_steps.h"
 #include "tools/view/work_lane.h"
 
 namespace isonest::detail::view {
@@ -30,28 +27,6 @@ void list_folder(const std::filesystem::path& folder);
 
 /// Removes the registered folders with their files. Async-signal-safe; for the end of the program.
 void remove_listed_folders();
-
-// Whether the file of an open store is still the one that was opened. For a remote store the reader
-// checks this: fetching from a changed object is an error.
-
-enum class StoreState : std::uint8_t { same, replaced, cut_off };
-
-/// Thread-safe.
-class StoreWatch {
-  public:
-    /// Throws Error{not_found} if the file no longer exists.
-    explicit StoreWatch(const Store& store);
-    /// Always `same` for a remote store. `replaced` if the file of that name is another one, was
-    /// written to, or no longer exists.
-    [[nodiscard]] StoreState state() const;
-
-  private:
-    std::filesystem::path path_;  ///< empty: remote
-    struct stat opened_ {};
-};
-
-/// "ok", "replaced" or "cut off".
-const char* name_of(StoreState state);
 
 // A new request of a stream replaces the previous one.
 
@@ -70,33 +45,33 @@ class Streams {
 
 class ViewService : public HttpHandler {
   public:
-    /// For a remote store, the coarsest levels are requested at once. `connections`: returns their
-    /// number, for the status; called on the server's thread.
-    ViewService(const Store& store, const MemoryShares& shares, int threads, Access access,
+    /// `steps` must outlive this object. `connections`: returns their number, for the status;
+    /// called on the server's thread.
+    ViewService(ViewedSteps& steps, const MemoryShares& shares, int threads, Access access,
                 std::function<std::size_t()> connections);
     std::shared_ptr<Waiting> handle(const HttpRequest& request, Reply reply) override;
 
   private:
     using Work = std::function<HttpAnswer(Progress&)>;
+    using StepWork = std::function<HttpAnswer(const OpenStep&, Progress&)>;
+    std::size_t take_step(RequestTarget& target) const;
+    /// Work on a step, which is opened in the lane if necessary.
+    Work on_step(std::size_t step, StepWork work);
     std::shared_ptr<Waiting> answer(const HttpRequest& request, RequestTarget target,
                                     const Reply& reply);
     std::shared_ptr<Waiting> start(WorkLane& lane, const std::string& stream, Work work,
                                    const Reply& reply);
-    std::shared_ptr<Waiting> start_mesh(RequestTarget& target, const std::string& stream,
-                                        const Reply& reply);
-    std::shared_ptr<Waiting> start_file(RequestTarget& target, const std::string& stream,
-                                        const Reply& reply);
-    std::shared_ptr<Waiting> start_value(RequestTarget& target, const std::string& stream,
-                                         const Reply& reply);
+    std::shared_ptr<Waiting> start_mesh(std::size_t step, RequestTarget& target,
+                                        const std::string& stream, const Reply& reply);
+    std::shared_ptr<Waiting> start_file(std::size_t step, RequestTarget& target,
+                                        const std::string& stream, const Reply& reply);
     [[nodiscard]] HttpAnswer status() const;
-    [[nodiscard]] HttpAnswer command(RequestTarget& target) const;
+    HttpAnswer command(std::size_t step, RequestTarget& target);
 
-    const Store& store_;
+    ViewedSteps& steps_;
     MemoryShares shares_;
-    StoreAnswers answers_;
     Access access_;
     std::function<std::size_t()> connections_;
-    StoreWatch watch_;
     Streams streams_;
     MeshAnswers surfaces_;
     MeshAnswers slices_;

@@ -2,10 +2,13 @@
 // offsets are JavaScript numbers, exact up to 2^53.
 #include <emscripten.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
+#include <iterator>
+#include <list>
 #include <memory>
 #include <new>
 #include <string>
@@ -38,11 +41,16 @@ EM_JS(char*, isonest_fetch_now, (double offset, double size, int* is_text), {
 namespace isonest::detail::web {
 namespace {
 
-/// Sixteenths of the memory for fetched bytes: see MemoryShares.
+/// Sixteenths of the memory for fetched bytes, see MemoryShares: of the current store, and of all
+/// others together.
 constexpr std::uint64_t kFetched = 3;
+constexpr std::uint64_t kFetchedOfOthers = 1;
+/// Steps of a series that stay open besides the current one.
+constexpr std::size_t kMaxOthers = 8;
 
 struct State {
-    std::unique_ptr<PageQueries> queries;
+    PageQueries* queries = nullptr;                  ///< of the current store
+    std::list<std::unique_ptr<PageQueries>> opened;  ///< most recently used first
     view::HttpAnswer answer;
     std::vector<double> needed;  ///< offset, size, offset, ...
     double run_began = 0;
@@ -68,6 +76,18 @@ std::vector<std::byte> fetch_now(const ByteRange& range) {
     }
     const auto* const bytes = reinterpret_cast<const std::byte*>(got.get());
     return {bytes, bytes + static_cast<std::size_t>(range.size)};
+}
+
+/// Closes the stores that were not used for the longest time. REQUIRES: the current one is first.
+void close_others(std::uint64_t max_bytes) {
+    State& s = state();
+    std::uint64_t bytes = 0;
+    std::size_t count = 0;
+    for (auto one = std::next(s.opened.begin()); one != s.opened.end();) {
+        bytes += (*one)->bytes().held();
+        const bool stays = (*one)->is_open() && ++count <= kMaxOthers && bytes <= max_bytes;
+        one = stays ? std::next(one) : s.opened.erase(one);
+    }
 }
 
 enum Outcome : int { kAnswered = 0, kNeedsBytes = 1 };
@@ -103,13 +123,25 @@ using namespace isonest::detail::web;
 
 extern "C" {
 
-/// Called once: the object's URL (without query), its size in bytes, and the memory budget of the
-/// page.
-EMSCRIPTEN_KEEPALIVE void isonest_begin(const char* url, double size, double memory) {
+/// Makes the store at this URL (without query) the current one, to which all other functions apply.
+/// Returns 1 if it is open already; 0: isonest_open() comes next. `size`: of the object in bytes;
+/// `memory`: the memory budget of the page, the same for all stores.
+EMSCRIPTEN_KEEPALIVE int isonest_begin(const char* url, double size, double memory) {
+    State& s = state();
     const auto most = static_cast<std::uint64_t>(memory);
-    auto bytes = std::make_shared<WebBytes>(url, static_cast<std::uint64_t>(size),
-                                            most / 16 * kFetched, fetch_now);
-    state().queries = std::make_unique<PageQueries>(std::move(bytes), url, most);
+    const auto found = std::find_if(s.opened.begin(), s.opened.end(), [&](const auto& one) {
+        return one->is_open() && one->bytes().name() == url;
+    });
+    if (found != s.opened.end()) {
+        s.opened.splice(s.opened.begin(), s.opened, found);
+    } else {
+        auto bytes = std::make_shared<WebBytes>(url, static_cast<std::uint64_t>(size),
+                                                most / 16 * kFetched, fetch_now);
+        s.opened.push_front(std::make_unique<PageQueries>(std::move(bytes), url, most));
+    }
+    s.queries = s.opened.front().get();
+    close_others(most / 16 * kFetchedOfOthers);
+    return found != s.opened.end() ? 1 : 0;
 }
 
 /// Milliseconds from a small request to its answer.

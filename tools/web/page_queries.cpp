@@ -26,10 +26,9 @@ PageQueries::Opened::Opened(const std::string& name, std::uint64_t memory)
     : store(name),
       shares(view::MemoryShares::of_page(memory)),
       answers(store, shares, 1),
-      surfaces(store,
-               {shares.surface, shares.surface_message / view::MeshMessage::kTriangleHeap, 1},
+      surfaces({shares.surface, shares.surface_message / view::MeshMessage::kTriangleHeap, 1},
                view::range_of(store)),
-      slices(store, {shares.slice, shares.slice_message / view::MeshMessage::kTriangleHeap, 1},
+      slices({shares.slice, shares.slice_message / view::MeshMessage::kTriangleHeap, 1},
              view::range_of(store)),
       arrays(store, shares, answers.are_labels()) {}
 
@@ -86,7 +85,8 @@ HttpAnswer PageQueries::answer(const std::string& target) {
     }
     if (path == "/api/surface" || path == "/api/slice") {
         const view::MeshRequest mesh = opened_->answers.take_mesh(request, path);
-        return (mesh.is_slice() ? opened_->slices : opened_->surfaces).message(mesh, progress);
+        return (mesh.is_slice() ? opened_->slices : opened_->surfaces)
+            .message(opened_->store, mesh, progress);
     }
     if (path == "/api/value") {
         return opened_->answers.value(view::StoreAnswers::take_place(request));
@@ -96,6 +96,9 @@ HttpAnswer PageQueries::answer(const std::string& target) {
     }
     if (path == "/api/label") {
         return opened_->answers.label(request);
+    }
+    if (path == "/api/labels") {
+        return opened_->answers.labels(view::StoreAnswers::take_labels(request), progress);
     }
     if (path == "/api/histogram") {
         return opened_->answers.histogram(opened_->answers.take_histogram(request), progress);

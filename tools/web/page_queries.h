@@ -1,4 +1,4 @@
-// The interface for a page's worker: one store, one request after the other.
+// The interface for a page's worker: queries of one store, one request after the other.
 #pragma once
 
 #include <cstdint>
@@ -32,6 +32,7 @@ class PageQueries {
 
     /// Opens the store. Answers 200 without a body if that succeeds, otherwise an error.
     Answered open();
+    [[nodiscard]] bool is_open() const { return opened_ != nullptr; }
     /// `target`: as in PROTOCOL.md, "/api/surface?iso=1", or as in ArrayAnswers, "/arrays/...".
     /// REQUIRES: open() has answered 200.
     Answered ask(const std::string& target);

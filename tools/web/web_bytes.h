@@ -61,6 +61,8 @@ class WebBytes : public StoreBytes {
     /// Provides the bytes of a range of needed(), or of another range that begins at a block; a
     /// partial block at its end is kept only if it is the end of the object.
     void put(std::uint64_t offset, std::span<const std::byte> bytes) const;
+    /// Bytes held.
+    [[nodiscard]] std::uint64_t held() const { return blocks_.size() * kBlock; }
     /// Counts ranges that were fetched together as one round trip.
     void count_round_trip() { ++counts_.round_trips; }
 

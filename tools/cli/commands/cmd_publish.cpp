@@ -2,16 +2,22 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <memory>
+#include <optional>
 #include <set>
+#include <utility>
 
 #include <isonest/error.h>
+#include <isonest/series.h>
 #include <isonest/store.h>
 
 #include "store/container/reader.h"
 #include "store/remote/object_url.h"
 #include "store/remote/open_location.h"
+#include "tools/cli/commands/series_command.h"
 #include "tools/cli/options/remote_options.h"
+#include "tools/cli/options/series_options.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/program.h"
 #include "tools/cli/terminal/interrupt.h"
@@ -24,6 +30,7 @@ namespace {
 
 using publish::public_url;
 using publish::Site;
+using publish::SiteSeries;
 using publish::SiteStore;
 
 constexpr const char* kAnyOrigin = "https://example.org";
@@ -39,15 +46,19 @@ struct PublishArguments {
     std::vector<std::string> licenses;
     bool hard_links = false;
     bool force = false;
+    std::string times;    ///< the steps of series; empty: all
     std::string checked;  ///< a URL
     std::string origin = kAnyOrigin;
     std::vector<publish::PageFile> page;
 };
 
-/// The name of a file or URL without folder and extension.
+/// The name of a file, folder or URL without its folder and extension.
 std::string short_name(const std::string& location) {
-    const std::string path =
+    std::string path =
         location.substr(0, is_url(location) ? location.find_first_of("?#") : std::string::npos);
+    while (path.size() > 1 && path.ends_with('/')) {
+        path.pop_back();
+    }
     std::string name = path.substr(path.rfind('/') + 1);
     if (name.ends_with(".isonest")) {
         name.resize(name.size() - std::string_view(".isonest").size());
@@ -100,31 +111,95 @@ std::string link_of(const PublishArguments& a, std::size_t i) {
     if (!link.ends_with('/')) {
         return public_url(link);
     }
-    const std::string& store = a.stores[i];
+    std::string store = a.stores[i];
+    while (store.size() > 1 && store.ends_with('/')) {
+        store.pop_back();
+    }
     const std::string name = store.substr(store.rfind('/') + 1);
     // A file name may contain # or ?; a URL is already encoded.
     return public_url(link + (is_url(store) ? name : publish::percent_encoded(name)));
 }
 
-SiteStore described(const PublishArguments& a, std::size_t i, Progress& progress) {
+Store open_for_page(const std::string& location, Progress& progress) {
     RemoteArguments remote;
     std::uint64_t memory = kMemory;
-    const Store opened = open_required_store(a.stores[i], remote, memory, progress);
-    const StoreReader& reader = opened.reader();
-    require_even_axes(opened.uneven_axes(), shown_location(a.stores[i]), "a page");
-    if (reader.catalogue() == nullptr) {
-        throw Error(ErrorKind::unsupported, {shown_location(a.stores[i])},
+    Store opened = open_required_store(location, remote, memory, progress);
+    require_even_axes(opened.uneven_axes(), shown_location(location), "a page");
+    if (opened.reader().catalogue() == nullptr) {
+        throw Error(ErrorKind::unsupported, {shown_location(location)},
                     fmt::format("is a store of version {}, without the footer that pages need",
-                                reader.version().text()),
+                                opened.reader().version().text()),
                     {{RemedyKind::preprocess_again}});
     }
+    return opened;
+}
+
+/// The properties of the store, or of the first step of a series.
+void describe(const Store& opened, SiteStore& store) {
+    store.nodes = opened.nodes();
+    store.type = name_of(opened.type());
+    store.unit = opened.unit() ? std::string(symbol_of(*opened.unit())) : "";
+}
+
+void describe_steps(const PublishArguments& a, std::size_t i, Progress& progress,
+                    SiteStore& store) {
+    const Series series(a.stores[i]);
+    if (series.steps().empty()) {
+        throw Error(ErrorKind::invalid_argument, {series.folder().string()},
+                    "is a series without steps: nothing can be shown yet");
+    }
+    std::string link = link_of(a, i);
+    if (link.find('?') != std::string::npos) {
+        throw Error(ErrorKind::invalid_argument, {series.folder().string()},
+                    "is a series: --link has to be the URL of its folder, without a query");
+    }
+    link += link.empty() || link.ends_with('/') ? "" : "/";
+    SiteSeries& all = store.series.emplace();
+    all.time_unit = series.time_unit();
+    std::optional<Store> first;
+    for (const std::size_t step : chosen_steps(series, a.times)) {
+        progress.check();
+        Store opened = open_for_page(series.store(step).string(), progress);
+        const SeriesStep& listed = series.steps()[step];
+        const std::string url = link.empty() ? "" : link + publish::percent_encoded(listed.store);
+        const std::uint64_t bytes = opened.reader().file_bytes();
+        all.steps.push_back({listed.time, listed.store,
+                             link.empty() ? series.store(step) : std::filesystem::path(), url,
+                             bytes});
+        store.bytes += bytes;
+        store.tolerance = std::max(store.tolerance, opened.rounding().tolerance);
+        if (opened.min_value() <= opened.max_value()) {
+            all.min_value =
+                std::min(all.min_value.value_or(opened.min_value()), opened.min_value());
+            all.max_value =
+                std::max(all.max_value.value_or(opened.max_value()), opened.max_value());
+        }
+        if (first) {
+            require_same_place(*first, opened);
+        } else {
+            describe(opened, store);
+            first.emplace(std::move(opened));
+        }
+    }
+}
+
+SiteStore described(const PublishArguments& a, std::size_t i, Progress& progress) {
     SiteStore store;
-    store.url = link_of(a, i);
     if (!is_url(a.stores[i])) {
         store.described_by = a.stores[i];
     }
-    if (store.url.empty()) {
-        store.file = a.stores[i];
+    if (is_series(a.stores[i])) {
+        describe_steps(a, i, progress, store);
+    } else {
+        require_no_times(a.times, shown_location(a.stores[i]));
+        const Store opened = open_for_page(a.stores[i], progress);
+        describe(opened, store);
+        store.bytes = opened.reader().file_bytes();
+        store.tolerance = opened.rounding().tolerance;
+        store.url = link_of(a, i);
+        if (store.url.empty()) {
+            store.file = a.stores[i];
+        }
     }
     store.name = name_in_links(short_name(a.stores[i]));
     // With several stores, titles and descriptions that are given once belong to the site.
@@ -136,11 +211,6 @@ SiteStore described(const PublishArguments& a, std::size_t i, Progress& progress
     if (store.about.title.empty()) {
         store.about.title = short_name(a.stores[i]);
     }
-    store.bytes = reader.file_bytes();
-    store.nodes = opened.nodes();
-    store.type = name_of(opened.type());
-    store.tolerance = opened.rounding().tolerance;
-    store.unit = opened.unit() ? std::string(symbol_of(*opened.unit())) : "";
     return store;
 }
 
@@ -211,12 +281,17 @@ Result write(const PublishArguments& a, Progress& progress) {
         }
         const std::string frame = frame_line(store);
         frames += frame + "\n";
-        bytes += store.file.empty() ? 0 : store.bytes;
+        const bool is_here =
+            store.series ? !store.series->steps.front().file.empty() : !store.file.empty();
+        bytes += is_here ? store.bytes : 0;
         result.json["stores"].push_back({{"name", store.name},
                                          {"url", publish::url_in_site(store)},
                                          {"bytes", store.bytes},
                                          {"tolerance", store.tolerance},
                                          {"iframe", frame}});
+        if (store.series) {
+            result.json["stores"].back()["steps"] = store.series->steps.size();
+        }
     }
     result.text = fmt::format(
         "{}: {} files, with {} of stores. Put the folder on a web server, then:\n"
@@ -284,18 +359,22 @@ void add_publish(CLI::App& app, Invocation& chosen, const std::vector<publish::P
          "The folder contains the viewer's page, a library that runs in the browser, and the "
          "stores. The server only has to support range requests; --check tests this, and says what "
          "to change for nginx, Apache and S3 (exit code 5 if something required is missing). A "
-         "single --link for several stores is the URL of their folder and ends with /. The folder "
+         "single --link for several stores is the URL of their folder and ends with /; for a "
+         "series, "
+         "--link is the URL of its folder, and the page has a slider of time. The folder "
          "appears only when it is complete." +
              lacking,
          "isonest publish scan.isonest -o site\n"
          "isonest publish scan.isonest -o site --link https://example.org/data/scan.isonest\n"
          "isonest publish head.isonest foot.isonest -o site --title Head --title Foot\n"
+         "isonest publish run.isonest -o site --times 0:100:10\n"
          "isonest publish --check https://example.org/site/"});
     CLI::Option* const stores = c->add_option("STORE", a->stores);
     CLI::Option* const output = c->add_option("-o,--output", a->output);
     CLI::Option* const link = c->add_option("--link", a->links)->allow_extra_args(false);
     CLI::Option* const hard = c->add_flag("--hard-link", a->hard_links);
-    std::vector<CLI::Option*> others{output, link, hard};
+    CLI::Option* const times = c->add_option("--times", a->times);
+    std::vector<CLI::Option*> others{output, link, hard, times};
     for (const auto& [name, values] :
          {std::pair{"--title", &a->titles}, std::pair{"--description", &a->descriptions},
           std::pair{"--license", &a->licenses}}) {

@@ -8,22 +8,30 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
+#include <list>
 #include <memory>
 #include <optional>
 #include <string>
 #include <system_error>
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include <isonest/error.h>
 #include <isonest/store.h>
+#include <isonest/vertex_fields.h>
 
 #include "store/files/scratch_file.h"
 #include "tools/cli/commands/input_store.h"
+#include "tools/cli/commands/series_command.h"
+#include "tools/cli/commands/vertex_values.h"
+#include "tools/cli/options/series_options.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/program.h"
 #include "tools/cli/terminal/interrupt.h"
 #include "tools/view/http_server.h"
 #include "tools/view/view_service.h"
+#include "tools/view/viewed_steps.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -44,6 +52,8 @@ struct ViewArguments {
     bool json = false;
     std::uint64_t memory = std::uint64_t{1} << 30U;
     int threads = 0;
+    std::string times;                      ///< the steps of a series; empty: all
+    std::vector<std::string> quantities{};  ///< NAME=STORE, by which surfaces are coloured
 };
 
 /// Cancels when the server ends; displays nothing, because waits for the network are shown in the
@@ -103,12 +113,12 @@ bool open_browser(const std::string& url) {
     return ::waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == 0;
 }
 
-void announce(const ViewArguments& a, const InputStore& input, const std::string& url) {
-    const std::string text =
-        a.json ? Json{{"url", url}, {"store", input.name()}, {"pid", ::getpid()}}.dump(
-                     -1, ' ', false, Json::error_handler_t::replace) +
-                     "\n"
-               : fmt::format("{}\nPress Ctrl-C to stop.\n", url);
+/// `name`: of the store, the volume or the series.
+void announce(const ViewArguments& a, const std::string& name, const std::string& url) {
+    const std::string text = a.json ? Json{{"url", url}, {"store", name}, {"pid", ::getpid()}}.dump(
+                                          -1, ' ', false, Json::error_handler_t::replace) +
+                                          "\n"
+                                    : fmt::format("{}\nPress Ctrl-C to stop.\n", url);
     if (std::fputs(text.c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
         throw Error(ErrorKind::io, "cannot write to standard output");
     }
@@ -145,6 +155,79 @@ std::string store_name(const std::string& volume) {
     return (stem.empty() || stem == "-" ? "volume" : stem) + ".isonest";
 }
 
+/// What is shown until the server ends; `folder` and `input` are empty for a series.
+struct Viewed {
+    std::optional<StoreFolder> folder;
+    InputStore input;
+    std::list<InputStore> others;  ///< of the quantities
+    std::unique_ptr<view::ViewedSteps> steps;
+    std::string name;
+};
+
+std::vector<view::Quantity> open_quantities(const ViewArguments& a, std::uint64_t& memory,
+                                            Progress& progress, Viewed& viewed) {
+    std::vector<view::Quantity> quantities;
+    std::vector<VertexField> fields;
+    for (const std::string& text : a.quantities) {
+        const std::optional<NamedValues> named = parse_named_values(text);
+        if (!named || named->sources.size() != 1) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("--vertex-values '{}': give NAME=STORE; the page colours by "
+                                    "one number, not by a vector",
+                                    text));
+        }
+        InputArguments source = arguments_of_source(named->sources.front(), a.in.remote);
+        viewed.others.push_back(
+            open_or_make_store(source, {{}, {}, {}, 0, a.threads}, memory, progress));
+        quantities.push_back({named->name, &viewed.others.back().store()});
+        fields.push_back({named->name, {quantities.back().store}});
+    }
+    if (!fields.empty()) {
+        const VertexFields checked(std::move(fields), {memory / 16, a.threads});
+    }
+    return quantities;
+}
+
+/// `serving` is used by a remote store as long as it is open.
+void open_viewed(ViewArguments& a, Progress& progress, Progress& serving, Viewed& viewed) {
+    if (const std::optional<Series> series = open_if_series(a.in, nullptr)) {
+        if (!a.in.keep.empty()) {
+            throw Error(ErrorKind::invalid_argument, {a.in.shown()},
+                        "is a series, whose stores are there: leave out --keep-store");
+        }
+        const std::vector<std::size_t> steps =
+            series->steps().empty() ? std::vector<std::size_t>() : chosen_steps(*series, a.times);
+        if (!a.quantities.empty()) {
+            throw Error(ErrorKind::invalid_argument, {a.in.shown()},
+                        "is a series, and --vertex-values needs one store: give the store of a "
+                        "step");
+        }
+        viewed.steps = std::make_unique<view::ViewedSteps>(
+            *series, steps, view::MemoryShares(a.memory), a.threads, progress);
+        viewed.name = series->folder().string();
+        return;
+    }
+    require_no_times(a.times, a.in.shown());
+    InputStore& input = viewed.input;
+    input.opened = open_if_store(a.in, a.memory, serving);
+    if (!input.opened) {
+        const std::unique_ptr<VolumeSource> volume =
+            open_input_volume(a.in, a.memory, temporary_folder(), progress);
+        std::filesystem::path name = a.in.keep;
+        if (name.empty()) {
+            viewed.folder.emplace();
+            name = viewed.folder->path() / store_name(a.in.shown());
+        }
+        input.made.emplace(make_store_of(*volume, a.in.shown(),
+                                         {name, {}, default_indicators(), a.memory, a.threads},
+                                         progress));
+    }
+    std::vector<view::Quantity> quantities = open_quantities(a, a.memory, serving, viewed);
+    viewed.steps = std::make_unique<view::ViewedSteps>(input.store(), view::MemoryShares(a.memory),
+                                                       a.threads, std::move(quantities));
+    viewed.name = input.name();
+}
+
 Result run(ViewArguments& a, Progress& progress) {
     if (a.memory < kMinMemory) {
         throw Error(ErrorKind::limit, {a.in.shown()},
@@ -156,25 +239,11 @@ Result run(ViewArguments& a, Progress& progress) {
     // threads share that one. An answer allocates some ten thousand blocks, too few for contention
     // to matter.
     ::mallopt(M_ARENA_MAX, 1);
-    WhileServing serving;
-    // Declared first: a remote store uses `serving` as long as it is open.
-    std::optional<StoreFolder> folder;
-    InputStore input{open_if_store(a.in, a.memory, serving), {}};
-    if (!input.opened) {
-        const std::unique_ptr<VolumeSource> volume =
-            open_input_volume(a.in, a.memory, temporary_folder(), progress);
-        std::filesystem::path name = a.in.keep;
-        if (name.empty()) {
-            folder.emplace();
-            name = folder->path() / store_name(a.in.shown());
-        }
-        input.made.emplace(make_store_of(*volume, a.in.shown(),
-                                         {name, {}, default_indicators(), a.memory, a.threads},
-                                         progress));
-    }
-    const Store& store = input.store();
-    const view::MemoryShares shares(a.memory);
+    WhileServing serving;  // declared first: the stores may use it
+    Viewed viewed;
+    open_viewed(a, progress, serving, viewed);
     view::HttpLimits limits;
+    const view::MemoryShares shares(a.memory);
     limits.answer_bytes = shares.sending;
     const std::unique_ptr<HttpServer> server = listen(a, limits);
     Access access;
@@ -186,10 +255,10 @@ Result run(ViewArguments& a, Progress& progress) {
     }
     const std::string url = url_of(access);
     {
-        view::ViewService service(store, shares, a.threads, access,
+        view::ViewService service(*viewed.steps, shares, a.threads, access,
                                   [&server] { return server->connections(); });
         before_a_bus_error_ends_the_program(&view::remove_listed_folders);
-        announce(a, input, url);
+        announce(a, viewed.name, url);
         if (a.open) {
             // If no browser is running, the desktop's handler may run as long as the browser that
             // it starts.
@@ -204,7 +273,7 @@ Result run(ViewArguments& a, Progress& progress) {
     }
     Result result;
     result.json = {{"url", url}, {"ended", true}};
-    if (store.is_remote()) {
+    if (const Store& store = viewed.steps->first().store; store.is_remote()) {
         result.json["remote"] = fetched_json(store.fetched());
     }
     return result;
@@ -216,14 +285,16 @@ void add_view(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<ViewArguments>();
     CLI::App* const c = add_command(
         app, chosen, "view",
-        {"Show a store or a volume in the browser",
+        {"Show a store, a series or a volume in the browser",
          "Serves a page with the surface, slices and the histogram, and prints its URL (with "
          "--json, in the first line). The page always shows the error bound of what it displays. "
          "Only this machine can open it, unless --address names another interface; the URL then "
          "contains a token. Ctrl-C or a termination signal ends the server, with exit code 0. For "
-         "a volume, a temporary store is made.",
+         "a volume, a temporary store is made. For a series, the page has a slider of time.",
          "isonest view scan.isonest\n"
          "isonest view scan.nii.gz --open\n"
+         "isonest view run.isonest --times 0:100:10\n"
+         "isonest view temperature.isonest --vertex-values pressure=p.isonest\n"
          "isonest view https://example.org/scan.isonest --cache ~/.cache/isonest:2G\n"
          "isonest view scan.isonest --address 0.0.0.0 --port 8080 --memory 2G"});
     add_input_options(c, a->in, false);
@@ -237,6 +308,8 @@ void add_view(CLI::App& app, Invocation& chosen) {
     c->add_option("--address", a->address);
     c->add_flag("--token", a->token);
     c->add_flag("--open", a->open);
+    c->add_option("--vertex-values", a->quantities)->allow_extra_args(false);
+    c->add_option("--times", a->times);
     add_memory(c, a->memory);
     add_threads(c, a->threads);
     c->callback([a, c, &chosen] {

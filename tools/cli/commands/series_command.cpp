@@ -36,6 +36,17 @@ Json series_json(const Series& series) {
             {"time_unit", series.time_unit() ? Json(*series.time_unit()) : Json()}};
 }
 
+void require_same_place(const Store& first, const Store& other) {
+    if (!(other.nodes() == first.nodes()) || other.type() != first.type() ||
+        other.spacing() != first.spacing() || other.origin() != first.origin() ||
+        other.direction() != first.direction()) {
+        throw Error(ErrorKind::corrupt, {other.path().string()},
+                    fmt::format("has other nodes, another place or another type than the first "
+                                "step of the series, {}",
+                                first.path().filename().string()));
+    }
+}
+
 void add_warnings(const std::string& warning, Result& result) {
     std::istringstream lines(warning);
     for (std::string line; std::getline(lines, line);) {

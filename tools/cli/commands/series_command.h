@@ -9,6 +9,7 @@
 
 #include <isonest/progress.h>
 #include <isonest/series.h>
+#include <isonest/store.h>
 
 #include "tools/cli/commands/input_store.h"
 #include "tools/cli/options/series_options.h"
@@ -37,6 +38,9 @@ Result write_steps(const Series& series, const std::string& times, const std::st
 
 /// The members of the JSON report that all commands on a series have.
 Json series_json(const Series& series);
+/// For what takes lattice, place and type of all steps from the first one: throws Error{corrupt} if
+/// another step's store differs.
+void require_same_place(const Store& first, const Store& other);
 /// Adds each line of `warning` that is not there yet.
 void add_warnings(const std::string& warning, Result& result);
 

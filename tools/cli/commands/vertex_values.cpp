@@ -22,8 +22,9 @@ bool exists(const std::string& name) {
     return std::filesystem::exists(name, ignored);
 }
 
-/// A store, or a volume with the dataset that follows a colon.
-InputArguments arguments_of(const std::string& source, const RemoteArguments& remote) {
+}  // namespace
+
+InputArguments arguments_of_source(const std::string& source, const RemoteArguments& remote) {
     InputArguments a;
     a.remote = remote;
     a.input = {source};
@@ -36,8 +37,6 @@ InputArguments arguments_of(const std::string& source, const RemoteArguments& re
     }
     return a;
 }
-
-}  // namespace
 
 std::optional<NamedValues> parse_named_values(const std::string& text) {
     const std::size_t sign = text.find('=');
@@ -79,7 +78,7 @@ VertexValues::VertexValues(const std::vector<NamedValues>& values, ExtractArgume
     for (const NamedValues& one : values) {
         fields.push_back({one.name, {}});
         for (const std::string& source : one.sources) {
-            Source& opened = sources_.emplace_back(Source{arguments_of(source, remote), {}});
+            Source& opened = sources_.emplace_back(Source{arguments_of_source(source, remote), {}});
             const StoreRequest request{{}, a.mesh, {}, 0, a.options.threads};
             if (ranks == nullptr) {
                 opened.input =

@@ -29,6 +29,9 @@ struct NamedValues {
 /// unless there are one or three sources.
 std::optional<NamedValues> parse_named_values(const std::string& text);
 
+/// The options for opening a source: a store, or a volume with the dataset that follows a colon.
+InputArguments arguments_of_source(const std::string& source, const RemoteArguments& remote);
+
 /// The stores of all named values, and the object that adds them to meshes.
 class VertexValues {
   public:

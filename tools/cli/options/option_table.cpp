@@ -40,7 +40,7 @@ constexpr OptionRow kOptions[] = {
     {"extract", "INPUT", nullptr, "", "a store or volume: file, folder, slices, URL or -", ""},
     {"preprocess", "INPUT", nullptr, "", "the volume: file, folder, slices, URL or -", ""},
     {"", "STORE", nullptr, "", "made by isonest preprocess: a file or a URL", ""},
-    {"publish", "STORE", nullptr, "", "made by isonest preprocess: files, or URLs", ""},
+    {"publish", "STORE", nullptr, "", "made by isonest preprocess: files, series, or URLs", ""},
     {"", "MESH", nullptr, "", ".ply .stl .obj .glb .3mf .vtp .vtkhdf or .ngmesh", ""},
     {"", "NAME", nullptr, "", "one of {}", ""},
 
@@ -127,6 +127,7 @@ constexpr OptionRow kOptions[] = {
     {"publish", "--output", kWritten, "FOLDER", "the folder to write", kSitesByProgram},
     {"extract", "--normals", kWritten, "", "vertex normals, from the gradient of the data", "normals: bool"},
     {"slice", "--normals", kWritten, "", "vertex normals: the plane's", "normals: bool"},
+    {"view", "--vertex-values", kWhat, "NAME=STORE", "colour surfaces by the values of STORE, of any lattice", "(only the page)"},
     {"", "--vertex-values", kWritten, "STORE", "vertex values of STORE; with NAME=STORE any lattice", "vertex_values: Store"},
     {"", "--vertex-error", kWritten, "FIELD", "how far vertices may be off, by this field", "vertex_error: str"},
     {"", "--space", kWritten, "AXES", "patient axes: ras, lps, as-stored [ras where known]", "space: choice"},

@@ -3,7 +3,7 @@ import type { Mesh } from "./decode";
 import type { MeshDecoder } from "./mesh_decoder";
 import type { PageFormat } from "./mesh_files";
 import { type Answer, type Transport, Unanswered } from "./site/transport";
-import type { ErrorBody, HistogramInfo, LabelInfo, StatusInfo, StoreInfo, ValueInfo } from "./protocol";
+import type { ErrorBody, HistogramInfo, LabelInfo, ListedLabel, StatusInfo, StoreInfo, ValueInfo } from "./protocol";
 
 export type Parameters = Readonly<Record<string, string | number>>;
 
@@ -49,9 +49,9 @@ export class Api {
   store(): Promise<StoreInfo> {
     return this.json("store");
   }
-  /** Coarse: uses the levels that are available soon after the opening. */
-  histogram(coarse: boolean): Promise<HistogramInfo> {
-    return this.json("histogram", coarse ? { coarse: 1 } : {});
+  /** Coarse: uses the levels that are available soon after the opening. `step`: as in stepOf() (state.ts), also below. */
+  histogram(coarse: boolean, step: Parameters): Promise<HistogramInfo> {
+    return this.json("histogram", { ...(coarse ? { coarse: 1 } : {}), ...step }, "histogram");
   }
   status(): Promise<StatusInfo> {
     return this.json("status");
@@ -59,16 +59,25 @@ export class Api {
   command(parameters: Parameters): Promise<{ readonly command: string }> {
     return this.json("command", parameters, "command");
   }
-  label(id: number): Promise<LabelInfo> {
-    return this.json("label", { id }, "label");
+  label(id: number, step: Parameters): Promise<LabelInfo> {
+    return this.json("label", { id, ...step }, "label");
   }
-  value(at: readonly number[]): Promise<ValueInfo> {
-    return this.json("value", { at: at.join(",") }, "value");
+  /** `named`: only labels with a name or a colour, which takes no time. */
+  async labels(named: boolean, step: Parameters): Promise<readonly ListedLabel[]> {
+    return (await this.json<{ readonly labels: readonly ListedLabel[] }>("labels", { ...(named ? { named: 1 } : {}), ...step }, "labels")).labels;
+  }
+  value(at: readonly number[], step: Parameters): Promise<ValueInfo> {
+    return this.json("value", { at: at.join(","), ...step }, "value");
   }
 
   /** `progress` gets the bytes received so far. Rejects with ServerError, superseded if there is a newer request. */
   mesh(kind: "surface" | "slice", stream: string, parameters: Parameters, progress: (bytes: number) => void): Promise<Mesh> {
     return this.inStream(stream, async (signal) => this.decoder.decode(await this.bytes(kind, stream, parameters, signal, progress)));
+  }
+
+  /** Lets the source of answers fetch what this mesh needs, so that a later request is answered sooner. Never rejects. */
+  async prepare(kind: "surface" | "slice", stream: string, parameters: Parameters): Promise<void> {
+    await this.inStream(stream, (signal) => this.ask(kind, parameters, signal, () => undefined)).catch(() => undefined);
   }
 
   /** A mesh as a file that the page makes, in a separate stream. Rejects with ServerError. */

@@ -10,6 +10,7 @@ export const kDirections: Readonly<Record<string, Vector>> = {
   front: [0, -1, 0], back: [0, 1, 0], left: [-1, 0, 0], right: [1, 0, 0], top: [0, 0, 1], bottom: [0, 0, -1],
 };
 const kUp = Math.PI / 2;
+const kTilt = 1e-4;
 
 export class CameraMoves {
   constructor(
@@ -24,6 +25,22 @@ export class CameraMoves {
   from(direction: string): void {
     const toward = kDirections[direction];
     if (toward) this.views.set({ eye: eyeFor(this.store.box, toward, this.stage.aspect), lookAt: centreOf(this.store.box) });
+  }
+
+  /**
+   * Straight at a plane with this normal, without perspective and without the surface. A patient is seen as in radiology: from
+   * the feet, the front or the left side, with the front, or the head, at the top.
+   */
+  face(normal: Vector): void {
+    const { frame, box } = this.store;
+    const main = ([0, 1, 2] as const).reduce((most, i) => (Math.abs(normal[i]) > Math.abs(normal[most]) + 1e-9 ? i : most), 0 as 0 | 1 | 2);
+    const ofPatient: Vector = frame === "LPS" ? [1, -1, -1] : [-1, 1, -1];
+    const side = (frame === null ? ([1, -1, 1] as const) : ofPatient)[main];
+    const sign = Math.sign(normal[main]) * side;
+    const toward: [number, number, number] = [normal[0] * sign, normal[1] * sign, normal[2] * sign];
+    // Up is z. A look along z is tilted a little, so that what is to be at the top is.
+    if (Math.hypot(toward[0], toward[1]) < kTilt) toward[1] = -kTilt * (frame === "LPS" ? -1 : 1) * toward[2];
+    this.views.set({ eye: eyeFor(box, toward, this.stage.aspect), lookAt: centreOf(box), projection: "orthographic", surface: false });
   }
 
   /** In degrees: to the right around z, and upward. */

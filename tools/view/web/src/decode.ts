@@ -1,5 +1,6 @@
 // Decodes a mesh of the protocol for drawing. Runs in the worker, independent of the page.
 import { MeshoptDecoder } from "meshoptimizer/decoder";
+import { type Measure, measureOf } from "./measure";
 import type { MeshHeader, Section } from "./protocol";
 
 export interface Mesh {
@@ -12,6 +13,8 @@ export interface Mesh {
   readonly indices: Uint32Array<ArrayBuffer>;
   /** Bytes of the answer as received. */
   readonly bytes: number;
+  /** Of a surface; null for a slice. */
+  readonly measure: Measure | null;
 }
 
 const kAlignment = 16;
@@ -40,13 +43,9 @@ export async function decodeMesh(buffer: ArrayBuffer): Promise<Mesh> {
   if (positions.length !== 8 * header.vertices || indices.length !== 12 * header.triangles) {
     throw new Error("the mesh does not match its header");
   }
-  return {
-    header,
-    positions: new Uint16Array(positions.buffer),
-    normals: new Int8Array(normals.buffer),
-    indices: new Uint32Array(indices.buffer),
-    bytes: buffer.byteLength,
-  };
+  const mesh = { header, positions: new Uint16Array(positions.buffer), normals: new Int8Array(normals.buffer), indices: new Uint32Array(indices.buffer) };
+  const isSurface = normals.length > 0;
+  return { ...mesh, bytes: buffer.byteLength, measure: isSurface ? measureOf(mesh.positions, mesh.indices, header.step) : null };
 }
 
 /** In a separate buffer. */

@@ -1,6 +1,7 @@
 // One mesh on the graphics card, for drawing and picking. The page keeps no copy of uploaded arrays.
 import { BufferAttribute, BufferGeometry, Mesh as Object3, type RawShaderMaterial, type Scene, Sphere, Vector3 } from "three";
 import type { Mesh } from "./decode";
+import type { Measure } from "./measure";
 import type { MeshHeader } from "./protocol";
 import { pickMaterial } from "./shaders";
 
@@ -10,6 +11,8 @@ const kAll = new Sphere(new Vector3(kMiddle, kMiddle, kMiddle), Math.sqrt(3) * k
 
 export class DrawnMesh {
   header: MeshHeader | null = null;
+  /** Of the surface that is shown. */
+  measure: Measure | null = null;
   readonly object: Object3;
   readonly picked: Object3;
   private inPage = 0;
@@ -34,11 +37,19 @@ export class DrawnMesh {
     pickScene.add(this.picked);
   }
 
+  removeFrom(scene: Scene, pickScene: Scene): void {
+    scene.remove(this.object);
+    pickScene.remove(this.picked);
+    this.material.dispose();
+    (this.picked.material as RawShaderMaterial).dispose();
+  }
+
   /** Replaces the previous mesh. */
   show(mesh: Mesh): void {
     this.clear();
     const { header } = mesh;
     this.header = header;
+    this.measure = mesh.measure;
     if (header.triangles === 0) return;
     const geometry = new BufferGeometry();
     const hold = (array: Uint16Array | Int8Array | Uint32Array, size: number, normalized: boolean): BufferAttribute => {
@@ -66,7 +77,7 @@ export class DrawnMesh {
   clear(): void {
     this.object.geometry.dispose();
     this.object.visible = this.picked.visible = false;
-    this.header = null;
+    this.header = this.measure = null;
     this.inPage = this.onCard = 0;
   }
 

@@ -1,6 +1,7 @@
 // What a test or a script can read from the page, as `window.isonest`. Read-only.
 import type { Api } from "./api";
 import type { Banner } from "./banner";
+import type { LabelLayers } from "./labels/label_layers";
 import type { MemoryPanel } from "./panels/memory_panel";
 import type { Probe } from "./probe";
 import type { StatusInfo, ValueInfo, Vector } from "./protocol";
@@ -18,6 +19,8 @@ export interface Inspection {
   idle(): Promise<void>;
   /** Triangles on the screen, of the surface or of the named slice. */
   triangles(slice?: SliceName): number;
+  /** Labels shown besides the selected one, and their triangles. */
+  layers(): readonly (readonly [number | null, number])[];
   /** The surface's quality in words. */
   bound(): string;
   /** The header of the mesh that is shown: the surface's, or a slice's. */
@@ -52,7 +55,9 @@ export interface Parts {
   readonly memory: MemoryPanel;
   readonly probe: Probe;
   readonly banner: Banner;
-  readonly loading: Promise<unknown>;
+  readonly layers: LabelLayers | null;
+  /** Of the histogram. */
+  readonly loading: () => Promise<unknown>;
 }
 
 const kMaxTasks = 1000;
@@ -69,15 +74,16 @@ export function inspection(parts: Parts): Inspection {
   }
   const shown = (slice?: SliceName): Surface | Slice => (slice === undefined ? surface : slices.get(slice)) ?? surface;
   const refiners: readonly Refiner[] = [surface.refiner, ...[...slices.values()].map((slice) => slice.refiner)];
-  const busy = (): boolean => refiners.some((refiner) => refiner.busy) || probe.pending || stage.pending;
+  const busy = (): boolean => refiners.some((refiner) => refiner.busy) || probe.pending || stage.pending || (parts.layers?.busy ?? false);
   return {
     state: () => views.state,
     async idle() {
-      await parts.loading;
+      await parts.loading();
       do await new Promise((resolve) => setTimeout(resolve, kPoll));
       while (busy());
     },
     triangles: (slice) => shown(slice).drawn.triangles,
+    layers: () => parts.layers?.drawn.map(({ id, triangles }) => [parts.layers!.labelOf(id), triangles] as const) ?? [],
     bound: () => panel.sentence(),
     header: (slice) => shown(slice).drawn.header,
     bytes: () => ({ page: memory.held.page, card: memory.held.card, received: api.received }),

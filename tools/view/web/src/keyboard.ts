@@ -3,6 +3,7 @@ import type { CameraMoves } from "./camera_moves";
 import { button, h } from "./dom";
 import { reachOf } from "./geometry";
 import type { HistogramPanel } from "./panels/histogram";
+import type { Player } from "./player";
 import type { Probe } from "./probe";
 import type { StoreInfo } from "./protocol";
 import { kSliceNames, type SliceName, type ViewStore } from "./state";
@@ -27,8 +28,9 @@ export interface KeyTargets {
   readonly moves: CameraMoves;
   readonly histogram: HistogramPanel;
   readonly probe: Probe;
+  readonly player: Player;
   readonly dialog: HTMLDialogElement;
-  savePicture(): void;
+  savePicture(): Promise<void>;
 }
 
 function keysOf(t: KeyTargets): readonly Key[] {
@@ -58,6 +60,7 @@ function keysOf(t: KeyTargets): readonly Key[] {
     { keys: [","], shown: ",", does: "a lower isovalue", act: () => histogram.step(-kStep) },
     { keys: [">", "Shift+>"], shown: ">", does: "a much higher isovalue", act: () => histogram.step(kBigStep) },
     { keys: ["<", "Shift+<"], shown: "<", does: "a much lower isovalue", act: () => histogram.step(-kBigStep) },
+    ...(t.store.series ? timeKeys(t.player) : []),
     { keys: ["s"], shown: "S", does: "show or hide the surface", act: () => views.set({ surface: !views.state.surface }) },
     { keys: ["x", "y", "z", "o"], shown: "X Y Z O", does: "show or hide a slice", act: (key) => slice((last = key as SliceName)) },
     { keys: ["PageUp", "]"], shown: "Page Up, ]", does: "move the slice that was shown last", act: () => shift(kStep) },
@@ -68,8 +71,16 @@ function keysOf(t: KeyTargets): readonly Key[] {
     { keys: ["v"], shown: "V", does: "the value in the middle of the picture", act: () => void probe.readMiddle() },
     { keys: ["m"], shown: "M", does: "mark the middle, for a distance", act: () => void probe.markMiddle() },
     { keys: ["Escape"], shown: "Escape", does: "no marks, no measuring", act: () => (probe.setMeasuring(false), probe.setPoints([])) },
-    { keys: ["i"], shown: "I", does: "save the picture", act: () => t.savePicture() },
+    { keys: ["i"], shown: "I", does: "save the picture", act: () => void t.savePicture() },
     { keys: ["?", "Shift+?", "h"], shown: "? or H", does: "this help", act: () => t.dialog.showModal() },
+  ];
+}
+
+function timeKeys(player: Player): readonly Key[] {
+  return [
+    { keys: ["k"], shown: "K", does: "play the series, or pause", act: () => player.toggle() },
+    { keys: ["l"], shown: "L", does: "forward by one step in time", act: () => player.move(1) },
+    { keys: ["j"], shown: "J", does: "back by one step", act: () => player.move(-1) },
   ];
 }
 

@@ -4,12 +4,26 @@ import { h, setAttributes, svg } from "./dom";
 import type { Probe } from "./probe";
 import type { Stage } from "./stage";
 import { lengthOf } from "./geometry";
-import type { StoreInfo } from "./protocol";
+import type { StoreInfo, Vector } from "./protocol";
 import { short, unitOf } from "./words";
 
 const kArm = 26; // pixels
 const kCorner = 42;
 const kBar = 90; // pixels, maximum
+
+const kMargin = 12;
+/** Of a direction's largest part: within 20 degrees of an axis. */
+const kAlongAxis = 0.94;
+
+const kOpposite: Readonly<Record<string, string>> = { R: "L", L: "R", A: "P", P: "A", H: "F", F: "H" };
+
+/** The patient's side toward which a unit vector points: R, L, A, P, H (head) or F (feet); null if it is between two. */
+export function sideToward(direction: Vector, frame: "RAS" | "LPS"): string | null {
+  const axis = direction.findIndex((part) => Math.abs(part) > kAlongAxis);
+  if (axis === -1) return null;
+  const toward = axis === 2 ? "H" : frame.charAt(axis);
+  return direction[axis]! > 0 ? toward : (kOpposite[toward] ?? null);
+}
 
 export class Overlay {
   private readonly root: SVGSVGElement;
@@ -23,20 +37,22 @@ export class Overlay {
   private readonly ends = [svg("circle", { class: "measure-end", r: 4 }), svg("circle", { class: "measure-end", r: 4 })];
   private readonly lengthText = svg("text", { class: "measure-text", "text-anchor": "middle" });
   private readonly unit: string; // suffix of a length
+  /** For a patient: the sides at the left, right, top and bottom of the picture. */
+  private readonly sides = ["start", "end", "middle", "middle"].map((anchor) => svg("text", { class: "side-mark", "text-anchor": anchor, "dominant-baseline": "central" }));
   private readonly cross = svg("path", { class: "cross" });
 
   constructor(
     parent: HTMLElement,
     private readonly stage: Stage,
     private readonly probe: Probe,
-    store: StoreInfo,
+    private readonly store: StoreInfo,
   ) {
     // For a patient: the side toward which each axis increases.
     this.axes.forEach(({ text }, i) => { text.textContent += store.frame ? ` ${store.frame.charAt(i)}` : ""; });
     this.unit = store.unit === null ? "" : ` ${unitOf(store)}`;
     this.root = svg("svg", { class: "overlay", "aria-hidden": "true" });
     for (const { line, text } of this.axes) this.root.append(line, text);
-    this.root.append(this.bar, this.barText, this.line, ...this.ends, this.lengthText, this.cross);
+    this.root.append(this.bar, this.barText, this.line, ...this.ends, this.lengthText, ...this.sides, this.cross);
     parent.append(this.root);
     stage.onFrame(() => this.draw());
   }
@@ -47,6 +63,7 @@ export class Overlay {
     this.drawAxes(height);
     this.drawBar(width, height);
     this.drawMeasured();
+    this.drawSides(width, height);
     const focused = document.activeElement === this.stage.canvas && this.stage.canvas.matches(":focus-visible");
     const [x, y] = [width / 2, height / 2];
     this.cross.setAttribute("d", focused ? `M${x - 8} ${y}H${x - 2}M${x + 2} ${y}H${x + 8}M${x} ${y - 8}V${y - 2}M${x} ${y + 2}V${y + 8}` : "");
@@ -61,6 +78,21 @@ export class Overlay {
       setAttributes(axis.line, { x1: kCorner, y1: y0, x2: kCorner + kArm * at.x, y2: y0 - kArm * at.y });
       setAttributes(axis.text, { x: kCorner + (kArm + 9) * at.x, y: y0 - (kArm + 9) * at.y });
     }
+  }
+
+  /** Only in a look along an axis of the patient: in others, each side of the picture is between two of the patient's. */
+  private drawSides(width: number, height: number): void {
+    const { frame } = this.store;
+    if (frame === null) return;
+    const e = this.stage.camera.matrixWorld.elements;
+    const right = sideToward([e[0]!, e[1]!, e[2]!], frame);
+    const up = sideToward([e[4]!, e[5]!, e[6]!], frame);
+    const names = right && up ? [kOpposite[right], right, up, kOpposite[up]] : ["", "", "", ""];
+    const places = [[kMargin, height / 2], [width - kMargin, height / 2], [width / 2, kMargin + 4], [width / 2, height - kMargin - 4]];
+    this.sides.forEach((text, i) => {
+      text.textContent = names[i] ?? "";
+      setAttributes(text, { x: places[i]![0]!, y: places[i]![1]! });
+    });
   }
 
   /** One, two or five times a power of ten, at the depth of the camera's target. */

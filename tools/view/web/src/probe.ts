@@ -4,6 +4,7 @@ import { button, h, section } from "./dom";
 import { lengthOf } from "./geometry";
 import type { StoreInfo, ValueInfo, Vector } from "./protocol";
 import type { Hit, Stage } from "./stage";
+import { stepOf, type ViewStore } from "./state";
 import { place, short, unitOf } from "./words";
 
 /** Finds what is under a point of the canvas: one request at a time, the newest wins. */
@@ -22,6 +23,7 @@ export class Probe {
 
   constructor(
     private readonly api: Api,
+    private readonly views: ViewStore,
     private readonly stage: Stage,
     private readonly store: StoreInfo,
     private readonly readout: HTMLElement,
@@ -94,7 +96,7 @@ export class Probe {
           this.say("");
           continue;
         }
-        this.value = await this.api.value(hit.at);
+        this.value = await this.api.value(hit.at, stepOf(this.store, this.views.state));
         this.say(`${place(hit.at)}: ${this.words(this.value)}`);
       }
     } catch (error) {
@@ -105,6 +107,11 @@ export class Probe {
   }
 
   private words(info: ValueInfo): string {
+    const others = Object.entries(info.quantities ?? {}).map(([name, value]) => `; ${name} ${value === null ? "missing" : short(value)}`);
+    return this.ownWords(info) + others.join("");
+  }
+
+  private ownWords(info: ValueInfo): string {
     if (!info.inside) return "outside of the volume";
     if (this.store.labels) return info.label == null ? "no label" : `label ${info.label}${info.name ? ` (${info.name})` : ""}`;
     return info.value === null ? "no value" : `value ${short(info.value)}`;

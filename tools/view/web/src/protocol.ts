@@ -21,6 +21,8 @@ export interface StoreInfo {
   readonly has_missing: boolean;
   readonly levels: number;
   readonly labels: boolean;
+  /** The store is at a URL. */
+  readonly remote: boolean;
   readonly dimension: number;
   readonly file_bytes: number;
   readonly largest_error: number;
@@ -29,6 +31,22 @@ export interface StoreInfo {
   readonly most_triangles: number;
   readonly memory: number;
   readonly version: string;
+  /** Null for one store. For a series, values and bytes above are those of all steps. */
+  readonly series: SeriesInfo | null;
+  /** By which surfaces can be coloured. */
+  readonly quantities: readonly Quantity[];
+}
+
+export interface Quantity {
+  readonly name: string;
+  readonly min_value: number | null;
+  readonly max_value: number | null;
+}
+
+export interface SeriesInfo {
+  readonly time_unit: string | null;
+  /** Of the steps, ascending. */
+  readonly times: readonly number[];
 }
 
 export interface HistogramBin {
@@ -68,6 +86,11 @@ export interface LabelInfo {
   readonly color: Vector | null;
 }
 
+export interface ListedLabel extends LabelInfo {
+  /** With this label; null: not counted. */
+  readonly nodes: number | null;
+}
+
 export interface ValueInfo {
   readonly world: Vector;
   readonly node: Vector;
@@ -78,6 +101,8 @@ export interface ValueInfo {
   readonly label?: string | null;
   /** For labels: the name. */
   readonly name?: string | null;
+  /** The other quantities there, by their names; null: missing. */
+  readonly quantities?: Readonly<Record<string, number | null>>;
 }
 
 export interface Section {
@@ -105,6 +130,14 @@ export interface MeshHeader {
   readonly step: Vector;
   readonly value_origin?: number;
   readonly value_step?: number;
+  /** The step that stands for a missing value. */
+  readonly value_missing?: number;
+  /** The quantity whose values the vertices of a surface have. */
+  readonly color?: string;
+  /** Proven, between vertices; null: no triangle has values everywhere. */
+  readonly color_bound?: number | null;
+  /** Triangles without the bound, next to missing values. */
+  readonly uncolored_triangles?: number;
   readonly seconds: number;
   readonly chunks_read: number;
   readonly bytes_read: number;

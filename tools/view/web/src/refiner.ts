@@ -63,6 +63,11 @@ export class Refiner {
     return this.running !== null || this.rest !== 0 || this.wanted !== null;
   }
 
+  /** What is shown is not yet what was last asked for, at any resolution. */
+  get behind(): boolean {
+    return this.running === "coarse" || this.wanted !== null;
+  }
+
   /** Shows something else. A coarse answer in progress is still shown, a finer one is cancelled. */
   move(): void {
     this.stopSteps();

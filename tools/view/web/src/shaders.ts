@@ -1,6 +1,7 @@
 // Shading of surfaces and slices. The surface is lit like in `isonest picture`.
 import { DataTexture, DoubleSide, GLSL3, LinearFilter, RawShaderMaterial, RGBAFormat, Vector3 } from "three";
 import maps from "isonest:color-maps";
+import type { MeshHeader } from "./protocol";
 
 const kHead = `precision highp float;
 precision highp int;
@@ -10,20 +11,25 @@ const kVertex = `${kHead}
 uniform mat4 modelViewMatrix, projectionMatrix, viewMatrix;
 in vec4 position; // in quantisation steps; w: a slice's value
 in vec4 normal;
+uniform float missingStep; // that of a missing value
 out vec3 toEye, turned;
-out float value;
+out float value, missing;
 void main() {
   vec4 place = modelViewMatrix * vec4(position.xyz, 1.0);
   toEye = -place.xyz;
   turned = mat3(viewMatrix) * normal.xyz;
   value = position.w;
+  missing = position.w == missingStep ? 1.0 : 0.0;
   gl_Position = projectionMatrix * place;
 }`;
 
 const kSurface = `${kHead}
-uniform bool facets;
+uniform bool facets, colored;
 uniform vec3 front, back;
+uniform sampler2D map;
+uniform vec2 window; // as for slices
 in vec3 toEye, turned;
+in float value, missing;
 out vec4 color;
 void main() {
   vec3 across = cross(dFdx(toEye), dFdy(toEye)); // faces the eye
@@ -32,7 +38,12 @@ void main() {
   float strong = max(dot(n, normalize(vec3(-0.45, 0.65, 0.9))), 0.0);
   float weak = max(dot(n, normalize(vec3(0.8, -0.1, 0.5))), 0.0);
   vec3 light = vec3(0.30, 0.30, 0.32) + 0.72 * strong + 0.2 * weak;
-  color = vec4(min((gl_FrontFacing ? front : back) * light, 1.0), 1.0);
+  vec3 own = gl_FrontFacing ? front : back;
+  if (colored) {
+    float t = clamp(value * window.x + window.y, 0.0, 1.0);
+    own = missing > 0.0 ? vec3(0.55) : texture(map, vec2((t * 255.0 + 0.5) / 256.0, 0.5)).rgb;
+  }
+  color = vec4(min(own * light, 1.0), 1.0);
 }`;
 
 const kSlice = `${kHead}
@@ -74,13 +85,16 @@ export function setSurfaceColor(surface: RawShaderMaterial, color: readonly [num
 }
 
 export function surfaceMaterial(): RawShaderMaterial {
-  const made = material(kSurface, { facets: { value: false }, front: { value: new Vector3() }, back: { value: new Vector3() } });
+  const made = material(kSurface, {
+    facets: { value: false }, front: { value: new Vector3() }, back: { value: new Vector3() },
+    colored: { value: false }, map: { value: null }, window: { value: [0, 0] }, missingStep: { value: -1 },
+  });
   setSurfaceColor(made, null);
   return made;
 }
 
 export function sliceMaterial(): RawShaderMaterial {
-  const made = material(kSlice, { map: { value: null }, window: { value: [0, 0] } });
+  const made = material(kSlice, { map: { value: null }, window: { value: [0, 0] }, missingStep: { value: -1 } });
   // Draws it in front where it coincides with a surface.
   made.polygonOffset = true;
   made.polygonOffsetFactor = -1;
@@ -89,7 +103,23 @@ export function sliceMaterial(): RawShaderMaterial {
 }
 
 export function pickMaterial(id: number): RawShaderMaterial {
-  return material(kPick, { reach: { value: [0, 1] }, id: { value: id } });
+  return material(kPick, { reach: { value: [0, 1] }, id: { value: id }, missingStep: { value: -1 } });
+}
+
+/** Colours a mesh by its vertices' values: from the first to the last colour over `window`. `colored`: it has values. */
+export function paintByValue(surface: RawShaderMaterial, header: MeshHeader | null, map: string, window: readonly [number, number], colored: boolean): void {
+  const { uniforms } = surface;
+  const texture = uniforms.map;
+  if (texture && texture.value?.name !== map) {
+    texture.value?.dispose();
+    texture.value = mapTexture(map);
+    texture.value.name = map;
+  }
+  const { value_origin = 0, value_step = 0, value_missing = -1 } = header ?? {};
+  const width = window[1] - window[0];
+  if (uniforms.window) uniforms.window.value = [value_step / width, (value_origin - window[0]) / width];
+  if (uniforms.missingStep) uniforms.missingStep.value = value_missing;
+  if (uniforms.colored) uniforms.colored.value = colored;
 }
 
 export const kMapNames: readonly string[] = Object.keys(maps);

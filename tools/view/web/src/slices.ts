@@ -4,9 +4,9 @@ import { DrawnMesh } from "./drawn_mesh";
 import { planeOf } from "./geometry";
 import type { MeshHeader, StoreInfo } from "./protocol";
 import { Refiner, type Step, withFewerTriangles } from "./refiner";
-import { mapTexture, sliceMaterial } from "./shaders";
+import { paintByValue, sliceMaterial } from "./shaders";
 import type { Stage } from "./stage";
-import { kSliceNames, type SliceName, type ViewStore } from "./state";
+import { kSliceNames, type SliceName, stepOf, type ViewStore } from "./state";
 
 const kMovingTriangles = 30_000;
 const kPixels = 2; // colours are linear between vertices
@@ -36,11 +36,7 @@ export class Slice {
     this.refiner = new Refiner(api, {
       kind: "slice",
       stream: `slice-${name}`,
-      coarse: () => {
-        if (!views.state.slices[name].on || store.labels) return null;
-        if (store.first_error !== null) return { ...this.basis(), error: store.first_error, limit: kMovingTriangles };
-        return { ...this.basis(), triangles: kMovingTriangles };
-      },
+      coarse: () => this.coarse(),
       steps: () => this.steps(),
       coarser: (tooLarge) => withFewerTriangles(tooLarge, this.basis(), kMaxTriangles),
       enough: (shown) => this.enough(shown),
@@ -60,7 +56,7 @@ export class Slice {
     let on = false;
     views.subscribe((state, keys) => {
       const now = planeOf(name, state, store).join(",");
-      const moved = state.slices[name].on !== on || (state.slices[name].on && (now !== plane || keys.has("box")));
+      const moved = state.slices[name].on !== on || (state.slices[name].on && (now !== plane || keys.has("box") || keys.has("step")));
       plane = now;
       on = state.slices[name].on;
       if (moved) this.refiner.move();
@@ -75,9 +71,18 @@ export class Slice {
     return header && { ...this.basis(), error: header.error_bound ?? header.tolerance };
   }
 
+  /** While something moves; null: it is not shown. */
+  coarse(): Parameters | null {
+    const { views, store } = this;
+    if (!views.state.slices[this.name].on || store.labels) return null;
+    if (store.first_error !== null) return { ...this.basis(), error: store.first_error, limit: kMovingTriangles };
+    return { ...this.basis(), triangles: kMovingTriangles };
+  }
+
   private basis(): Parameters {
     const { state } = this.views;
     return {
+      ...stepOf(this.store, state),
       plane: planeOf(this.name, state, this.store).map((part) => Number(part.toPrecision(12))).join(","),
       ...(state.box ? { box: state.box.join(",") } : {}),
     };
@@ -100,16 +105,7 @@ export class Slice {
 
   private paint(): void {
     const { map, window } = this.views.state;
-    const { uniforms } = this.drawn.material;
-    const texture = uniforms.map;
-    if (texture && texture.value?.name !== map) {
-      texture.value?.dispose();
-      texture.value = mapTexture(map);
-      texture.value.name = map;
-    }
-    const { value_origin = 0, value_step = 0 } = this.drawn.header ?? {};
-    const width = window[1] - window[0];
-    if (uniforms.window) uniforms.window.value = [value_step / width, (value_origin - window[0]) / width];
+    paintByValue(this.drawn.material, this.drawn.header, map, window, true);
     this.stage.invalidate();
   }
 }

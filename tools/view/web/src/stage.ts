@@ -17,6 +17,7 @@ export interface Hit {
 export type Seen = readonly [x: number, y: number, z: number, fov: number, height: number];
 
 const kMaxPixelRatio = 2;
+const kMaxPicture = 8192;
 
 export class Stage {
   readonly scene = new Scene();
@@ -30,6 +31,8 @@ export class Stage {
   private readonly afterResize: (() => void)[] = [];
   private readonly afterFrame: (() => void)[] = [];
   private asked = 0;
+  /** Of a picture of another size, while it is drawn. */
+  private pictureAspect: number | null = null;
   private readonly box: Box;
   private state!: ViewState;
 
@@ -52,6 +55,11 @@ export class Stage {
   add(mesh: DrawnMesh): void {
     this.meshes.push(mesh);
     mesh.addTo(this.scene, this.pickScene);
+  }
+  remove(mesh: DrawnMesh): void {
+    this.meshes.splice(this.meshes.indexOf(mesh), 1);
+    mesh.removeFrom(this.scene, this.pickScene);
+    this.invalidate();
   }
   /** Called after each frame. */
   onFrame(action: () => void): void {
@@ -86,6 +94,37 @@ export class Stage {
     return this.asked !== 0;
   }
 
+  /** The largest width and height of a picture. */
+  get mostPixels(): number {
+    return Math.min(this.renderer.capabilities.maxTextureSize, kMaxPicture);
+  }
+
+  /** A PNG of the picture with this many pixels; 0: as many as on the screen. Null if the browser cannot make it. */
+  picture(width: number, height: number): Promise<Blob | null> {
+    const { renderer } = this;
+    const own = [renderer.domElement.width, renderer.domElement.height] as const;
+    const wide = width || (height ? height * this.aspect : own[0]);
+    const [x, y] = [Math.round(wide), Math.round(height || wide / this.aspect)];
+    const isOwn = x === own[0] && y === own[1];
+    const ratio = renderer.getPixelRatio();
+    if (!isOwn) {
+      renderer.setPixelRatio(1);
+      renderer.setSize(x, y, false);
+    }
+    this.pictureAspect = x / y;
+    this.aim();
+    renderer.render(this.scene, this.camera);
+    this.pictureAspect = null;
+    const made = new Promise<Blob | null>((resolve) => this.canvas.toBlob(resolve, "image/png"));
+    // In the same task, so that the screen never shows the other size.
+    if (!isOwn) {
+      renderer.setPixelRatio(ratio);
+      renderer.setSize(this.canvas.clientWidth, this.canvas.clientHeight, false);
+    }
+    this.draw();
+    return made;
+  }
+
   draw(): void {
     this.aim();
     this.renderer.render(this.scene, this.camera);
@@ -99,7 +138,7 @@ export class Stage {
 
   /** Width of the picture divided by its height. */
   get aspect(): number {
-    return this.canvas.clientWidth / Math.max(this.canvas.clientHeight, 1);
+    return this.pictureAspect ?? this.canvas.clientWidth / Math.max(this.canvas.clientHeight, 1);
   }
 
   /** World units per CSS pixel at the camera's target. */

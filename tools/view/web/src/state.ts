@@ -1,5 +1,7 @@
 // The view: all settings in one place. Code that shows them subscribes; code that changes them calls set().
-import type { Box, StoreInfo, Vector } from "./protocol";
+import type { Parameters } from "./api";
+import type { Box, Quantity, StoreInfo, Vector } from "./protocol";
+import { allValues, namedWindows } from "./windows";
 import { axisNormal, centreOf, dot, radiusOf } from "./geometry";
 
 /** The goal to which the surface is refined while nothing moves. */
@@ -15,8 +17,12 @@ export interface SliceState {
 
 export interface ViewState {
   readonly surface: boolean;
+  /** Of a series: which of its times is shown; 0 for one store. */
+  readonly step: number;
   /** For a volume of labels, the label. */
   readonly iso: number;
+  /** Labels that are shown besides `iso`. */
+  readonly shown: readonly number[];
   readonly target: Target;
   readonly pixels: number;
   readonly error: number;
@@ -39,6 +45,11 @@ export interface ViewState {
   /** Values of the first and the last colour. */
   readonly window: readonly [number, number];
   readonly map: string;
+  /** The quantity that colours the surface; empty: none. */
+  readonly color: string;
+  /** Its values at the first and the last colour, and the colours. */
+  readonly colorWindow: readonly [number, number];
+  readonly colorMap: string;
   readonly eye: Vector;
   readonly lookAt: Vector;
   readonly projection: "perspective" | "orthographic";
@@ -80,6 +91,23 @@ function same(a: unknown, b: unknown): boolean {
   return a === b || JSON.stringify(a) === JSON.stringify(b);
 }
 
+/** All values of a quantity, as a window. */
+export function rangeOf(quantity: Quantity | undefined): readonly [number, number] {
+  const least = quantity?.min_value ?? 0;
+  const largest = quantity?.max_value ?? 1;
+  return [least, largest > least ? largest : least + 1];
+}
+
+/** The parameter that selects a step of a series; none for one store. */
+export function stepOf(store: StoreInfo, state: ViewState): Parameters {
+  return store.series ? { step: state.step } : {};
+}
+
+/** All labels that are shown, if surfaces are. */
+export function labelsShown({ iso, shown }: ViewState): readonly number[] {
+  return [...new Set([...shown, Math.round(iso)])];
+}
+
 /** Integers in space may be labels, even if the store does not say so. */
 export function mayBeLabels(store: StoreInfo): boolean {
   return store.dimension === 3 && (store.labels || store.integer);
@@ -104,7 +132,9 @@ export function defaults(store: StoreInfo, isovalue: number, aspect: number): Vi
   const flatAxis = store.nodes.indexOf(1);
   return {
     surface: !flat,
+    step: 0,
     iso: isovalue,
+    shown: [],
     target: store.labels ? "full" : "screen",
     pixels: 2, // of a diamond of tetrahedra: its triangles are about half as large
     error: (largest - least) / 100,
@@ -113,7 +143,7 @@ export function defaults(store: StoreInfo, isovalue: number, aspect: number): Vi
     moving: 100_000,
     most: Math.min(3_000_000, store.most_triangles),
     largest: false,
-    smooth: false,
+    smooth: store.labels,
     facets: false,
     box: null,
     slices: {
@@ -124,8 +154,11 @@ export function defaults(store: StoreInfo, isovalue: number, aspect: number): Vi
     },
     turn: 45,
     tilt: 30,
-    window: [least, largest > least ? largest : least + 1],
+    window: namedWindows(store)[0]?.[1] ?? allValues(store),
     map: "gray",
+    color: store.quantities[0]?.name ?? "",
+    colorWindow: rangeOf(store.quantities[0]),
+    colorMap: "viridis",
     eye: eyeFor(store.box, flat ? (store.direction[flatAxis === -1 ? 2 : (flatAxis as 0 | 1 | 2)] ?? kHome) : kHome, aspect),
     lookAt: middle,
     projection: flat ? "orthographic" : "perspective",

@@ -3,12 +3,12 @@ import type { Api, Parameters } from "./api";
 import { DrawnMesh } from "./drawn_mesh";
 import type { MeshHeader, StoreInfo } from "./protocol";
 import { Refiner, type Step, withFewerTriangles } from "./refiner";
-import { surfaceMaterial } from "./shaders";
+import { paintByValue, surfaceMaterial } from "./shaders";
 import type { Stage } from "./stage";
-import { mayBeLabels, type Key, type ViewState, type ViewStore } from "./state";
+import { mayBeLabels, stepOf, type Key, type ViewState, type ViewStore } from "./state";
 
 /** A change of kMoves shows another surface, a change of kLooks the same surface with another quality. */
-const kMoves: readonly Key[] = ["surface", "iso", "box", "largest", "smooth", "moving", "most"];
+const kMoves: readonly Key[] = ["surface", "step", "color", "iso", "box", "largest", "smooth", "moving", "most"];
 const kLooks: readonly Key[] = ["target", "pixels", "error", "distance", "triangles"];
 /** Smoothing steps for vertices of a smooth label: as in isonest extract. */
 const kPasses = 16;
@@ -38,20 +38,14 @@ export class Surface {
     this.refiner = new Refiner(api, {
       kind: "surface",
       stream: "surface",
-      coarse: () => {
-        if (!views.state.surface) return null;
-        // Labels have no errors from which to choose a number of triangles.
-        if (store.labels || this.isSmooth()) return { ...this.basis(), error: 0 };
-        // For a remote store: what needs nothing more from the network.
-        if (store.first_error !== null) return { ...this.basis(), error: store.first_error, limit: views.state.moving };
-        return { ...this.basis(), triangles: views.state.moving };
-      },
+      coarse: () => this.coarse(),
       steps: () => this.steps(),
       coarser: (tooLarge) => (store.labels || this.isSmooth() ? null : withFewerTriangles(tooLarge, this.basis(), views.state.most)),
       enough: (shown) => this.enough(shown),
       show: (mesh, parameters) => {
         this.asked = parameters;
         this.drawn.show(mesh);
+        this.paint();
         stage.invalidate();
       },
       clear: () => {
@@ -64,6 +58,7 @@ export class Surface {
     views.subscribe((state, keys) => {
       const { facets } = this.drawn.material.uniforms;
       if (facets) facets.value = state.facets;
+      if (keys.has("colorMap") || keys.has("colorWindow")) this.paint();
       if (kMoves.some((key) => keys.has(key))) this.refiner.move();
       else if (kLooks.some((key) => keys.has(key))) this.refiner.look();
       else if (state.target === "screen" && (keys.has("eye") || keys.has("lookAt") || keys.has("projection"))) this.refiner.look();
@@ -79,12 +74,18 @@ export class Surface {
   asSeen(): Parameters | null {
     const { header } = this.drawn;
     if (!header) return null;
-    const { camera, iso, label, box, components, smooth, effort } = this.asked;
+    const { step, camera, iso, label, box, components, smooth, effort, color } = this.asked;
     const same: Record<string, string | number> = {};
-    for (const [name, value] of Object.entries({ iso, label, box, components, smooth })) if (value !== undefined) same[name] = value;
+    for (const [name, value] of Object.entries({ step, iso, label, box, components, smooth, color })) if (value !== undefined) same[name] = value;
     if (header.stop === "distance") return { ...same, distance: header.tolerance, ...(effort === undefined ? {} : { effort }) };
     if (header.stop === "camera" && camera !== undefined) return { ...same, camera };
     return { ...same, error: header.tolerance };
+  }
+
+  /** For the surface of this label, as good as that of the selected one at rest. */
+  parametersOf(label: number): Parameters {
+    const { target, distance } = this.views.state;
+    return { ...this.basis(label), ...(target === "distance" && !this.isSmooth() ? { distance } : { error: 0 }) };
   }
 
   /** At full resolution. */
@@ -92,15 +93,40 @@ export class Surface {
     return { ...this.basis(), error: 0 };
   }
 
-  private basis(): Parameters {
+  /** While something moves; null: no surface is shown. */
+  coarse(): Parameters | null {
+    const { views, store } = this;
+    if (!views.state.surface) return null;
+    // Labels have no errors from which to choose a number of triangles.
+    if (store.labels || this.isSmooth()) return { ...this.basis(), error: 0 };
+    // For a remote store: what needs nothing more from the network.
+    if (store.first_error !== null) return { ...this.basis(), error: store.first_error, limit: views.state.moving };
+    return { ...this.basis(), triangles: views.state.moving };
+  }
+
+  /** What selects the surface; that of `label`, if given, instead of the state's. */
+  private basis(label?: number): Parameters {
     const { iso, box, largest } = this.views.state;
     const smooth = this.isSmooth();
     return {
-      ...(this.store.labels || smooth ? { label: Math.round(iso) } : { iso }),
+      ...stepOf(this.store, this.views.state),
+      ...(this.store.labels || smooth ? { label: label ?? Math.round(iso) } : { iso }),
       ...(box && !smooth ? { box: box.join(",") } : {}),
       ...(smooth ? { smooth: kPasses } : {}),
       ...(largest ? { components: "largest" } : {}),
+      ...(this.color === "" ? {} : { color: this.color }),
     };
+  }
+
+  /** The quantity that colours the surface; empty: none. */
+  private get color(): string {
+    const { color } = this.views.state;
+    return this.store.quantities.some(({ name }) => name === color) ? color : "";
+  }
+
+  private paint(): void {
+    const { colorMap, colorWindow } = this.views.state;
+    paintByValue(this.drawn.material, this.drawn.header, colorMap, colorWindow, this.drawn.header?.color !== undefined);
   }
 
   /** A label's smooth surface is wanted: it is made as a whole, without refinement. */

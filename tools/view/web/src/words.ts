@@ -1,5 +1,6 @@
 // Numbers and bounds in plain words.
-import type { MeshHeader, StoreInfo } from "./protocol";
+import type { Measure } from "./measure";
+import type { MeshHeader, SeriesInfo, StoreInfo } from "./protocol";
 
 const kWhole = new Intl.NumberFormat("en", { maximumFractionDigits: 0 });
 const kShort = new Intl.NumberFormat("en", { maximumSignificantDigits: 4 });
@@ -35,6 +36,11 @@ export function unitOf(store: StoreInfo): string {
   return store.unit === null ? "world units" : letters[store.unit] ?? store.unit;
 }
 
+/** The time of a step with its unit, if that is known. */
+export function timeText(series: SeriesInfo, step: number): string {
+  return [String(series.times[step]), ...(series.time_unit === null ? [] : [series.time_unit])].join(" ");
+}
+
 /** What full resolution means for a store with rounded values. */
 function roundedValues(header: MeshHeader): string {
   return header.data_tolerance > 0 ? ` of values rounded within ${shortBound(header.data_tolerance)}` : "";
@@ -49,6 +55,13 @@ export function surfaceBound(header: MeshHeader, unit: string): string {
   }
   if (header.error_bound !== null) return `values on this surface are within ${shortBound(header.error_bound)} of the isovalue`;
   return "without a bound";
+}
+
+/** The size of the mesh that is shown; `unit`: of lengths. */
+export function sizeText({ area, volume }: Measure, unit: string): string {
+  const power = (digit: string, word: string): string => (/ /.test(unit) ? `${word} ${unit}` : `${unit}${digit}`);
+  const enclosed = volume === null ? "it is open" : `volume ${short(volume)} ${power("³", "cubic")}`;
+  return `Area ${short(area)} ${power("²", "square")}, ${enclosed}`;
 }
 
 /** The proven quality of a slice; the rounding of its values is added. */

@@ -22,11 +22,13 @@ export class ExportPanel {
   private readonly copied = h("span", { class: "note", role: "status" });
   private readonly subject: ReturnType<typeof select<Subject>>;
   private readonly format: ReturnType<typeof select<(typeof kServerFormats)[number]>>;
+  /** Width and height of a picture; empty: as on the screen, or in proportion to the other one. */
+  private readonly pixels: readonly HTMLInputElement[];
   private timer = 0;
   private last = "";
 
   constructor(
-    views: ViewStore,
+    private readonly views: ViewStore,
     private readonly store: StoreInfo,
     private readonly api: Api,
     /** Null if there is none. */
@@ -46,11 +48,14 @@ export class ExportPanel {
     const formats: readonly (typeof kServerFormats)[number][] = server ? kServerFormats : kPageFormats;
     this.format = select("Format", formats.map((one) => [one, `.${one}`] as const), () => undefined, { id: "export-format" });
     const save = button("Save the mesh", () => void this.saveMesh(), { id: "export-mesh" });
-    const picture = button("Save the picture", () => this.savePicture(), { id: "export-picture" });
+    const picture = button("Save the picture", () => void this.savePicture(), { id: "export-picture" });
+    this.pixels = ["width", "height"].map((name) =>
+      h("input", { type: "number", id: `picture-${name}`, min: 16, max: stage.mostPixels, step: 1, placeholder: "as shown", "aria-label": `The picture's ${name} in pixels` }));
+    const size = h("div", { class: "field picture-size" }, h("span", {}, "Pixels"), this.pixels[0]!, "×", this.pixels[1]!);
     const copy = button("Copy", () => void this.copy(), { id: "copy-command", "aria-label": "Copy the command line" });
     this.element = section(
       "export", "Export", false,
-      this.subject.row, this.format.row, h("div", { class: "buttons" }, save, picture),
+      this.subject.row, this.format.row, h("div", { class: "buttons" }, save), size, h("div", { class: "buttons" }, picture),
       ...(server
         ? [h("p", { class: "note" }, "The same mesh by the command line:"), this.command, h("div", { class: "buttons" }, copy, this.copied)]
         : [h("p", { class: "note" }, "The mesh has the positions shown, rounded as stated above.")]),
@@ -64,16 +69,17 @@ export class ExportPanel {
     if (this.server && this.element.open) this.timer = setTimeout(() => void this.ask(), kPause);
   }
 
-  savePicture(): void {
-    this.stage.draw(); // in the same task, while the canvas still has the picture
-    this.stage.canvas.toBlob((blob) => {
-      if (!blob) return this.failed(new Error("The picture could not be made."));
-      this.save(blob, `${this.name}.png`);
-    }, "image/png");
+  async savePicture(): Promise<void> {
+    const [width = 0, height = 0] = this.pixels.map((field) => (field.validity.valid && field.valueAsNumber > 0 ? field.valueAsNumber : 0));
+    const blob = await this.stage.picture(width, height);
+    if (!blob) return this.failed(new Error("The picture could not be made."));
+    this.save(blob, `${this.name}.png`);
   }
 
   private get name(): string {
-    return this.store.name.replace(/^.*\//, "").replace(/\.isonest$/, "");
+    const { series, name } = this.store;
+    const time = series ? `-${series.times[this.views.state.step]}` : "";
+    return name.replace(/^.*\//, "").replace(/\.isonest$/, "") + time;
   }
 
   private parameters(): Parameters | null {

@@ -15,7 +15,7 @@ export class MemoryPanel {
   constructor(
     private readonly api: Api,
     private readonly store: StoreInfo,
-    private readonly meshes: readonly DrawnMesh[],
+    private readonly meshes: () => readonly DrawnMesh[],
     private readonly failed: (error: Error) => void,
     private readonly lost: (how: string) => void,
     private readonly there: () => void,
@@ -23,7 +23,7 @@ export class MemoryPanel {
     const list = h("dl", { class: "figures" });
     const names: readonly (readonly [string, string])[] = [
       ["triangles", "Triangles held"], ["card", "Meshes on the graphics card"], ["page", "Meshes in the page"],
-      ["heap", "Page's JavaScript"], ["received", api.hasServer ? "Received so far" : "Meshes made so far"], ["server", api.hasServer ? "Server's heap" : "Library in the page"], ["file", "Store"],
+      ["heap", "Page's JavaScript"], ["received", api.hasServer ? "Received so far" : "Meshes made so far"], ["server", api.hasServer ? "Server's heap" : "Library in the page"], ["file", store.series ? "Series" : "Store"],
     ];
     for (const [key, name] of names) {
       const value = h("dd", { id: `memory-${key}` }, "–");
@@ -31,13 +31,14 @@ export class MemoryPanel {
       list.append(h("dt", {}, name), value);
     }
     this.element = section("memory", "Memory", false, list);
-    this.set("file", `${bytes(store.file_bytes)}, ${store.nodes.join(" × ")} ${store.type}`);
+    const steps = store.series ? `${whole(store.series.times.length)} steps, ` : "";
+    this.set("file", `${steps}${bytes(store.file_bytes)}, ${store.nodes.join(" × ")} ${store.type}`);
     void this.watch();
   }
 
   get held(): { readonly page: number; readonly card: number; readonly triangles: number } {
     const sum = { page: 0, card: 0, triangles: 0 };
-    for (const mesh of this.meshes) {
+    for (const mesh of this.meshes()) {
       sum.page += mesh.bytes.page;
       sum.card += mesh.bytes.card;
       sum.triangles += mesh.triangles;

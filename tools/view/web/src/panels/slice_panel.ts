@@ -1,25 +1,32 @@
 // Sliders for the slices, with their colours and value window.
+import type { CameraMoves } from "../camera_moves";
 import { button, checkbox, h, section, select } from "../dom";
-import { reachOf } from "../geometry";
-import type { StoreInfo } from "../protocol";
+import { normalOf, reachOf } from "../geometry";
+import type { HistogramInfo, StoreInfo } from "../protocol";
 import { colorOf, kMapNames } from "../shaders";
 import { Slider } from "./slider";
 import type { Slice } from "../slices";
 import { kSliceNames, type SliceName, type ViewStore } from "../state";
+import { allValues, namedWindows, type Window, windowOf } from "../windows";
 import { short, sliceBound, whole } from "../words";
 
 const kTitles: Readonly<Record<SliceName, string>> = { x: "Across x", y: "Across y", z: "Across z", o: "Oblique" };
-const kFirstMaps = ["gray", "viridis", "cividis", "magma", "inferno", "turbo", "coolwarm"];
+export const kFirstMaps = ["gray", "viridis", "cividis", "magma", "inferno", "turbo", "coolwarm"];
 
 export class SlicePanel {
   readonly element: HTMLElement;
   private readonly bounds = new Map<SliceName, HTMLElement>();
+  private ofHistogram: Window | null = null;
+  private readonly fromHistogram = button("Most values", () => this.ofHistogram && this.views.set({ window: this.ofHistogram }), {
+    id: "window-histogram", title: "from the histogram, without the lowest and the highest half percent", hidden: true,
+  });
   private readonly legend = h("canvas", { class: "legend", width: 256, height: 1, "aria-hidden": "true" });
 
   constructor(
     private readonly views: ViewStore,
     private readonly store: StoreInfo,
     private readonly slices: ReadonlyMap<SliceName, Slice>,
+    private readonly moves: CameraMoves,
   ) {
     const flat = store.dimension === 2;
     const rows: HTMLElement[] = [];
@@ -33,6 +40,12 @@ export class SlicePanel {
     });
     const hint = flat ? "" : "Drag a slice in the picture to move it. Drag on it with the right button: right and left change the window, up and down the level.";
     this.element = section("slices", flat ? "Data" : "Slices", flat, ...rows, map.row, this.legend, ...ends, h("p", { class: "note" }, hint));
+  }
+
+  /** The window that is offered from now on. */
+  showHistogram(info: HistogramInfo): void {
+    this.ofHistogram = windowOf(info);
+    this.fromHistogram.hidden = this.ofHistogram === null;
   }
 
   refresh(): void {
@@ -50,6 +63,9 @@ export class SlicePanel {
     const bound = h("p", { class: "note", id: `slice-${name}-bound` });
     this.bounds.set(name, bound);
     const on = checkbox(flat ? "Show the data" : kTitles[name], (shown) => views.setSlice(name, { on: shown }), { id: `slice-${name}-on` });
+    const face = button("Flat view", () => this.moves.face(normalOf(name, views.state, store)), {
+      id: `slice-${name}-flat`, title: "looks straight at the slice, without perspective and surface",
+    });
     const [least, largest] = reachOf(name, views.state, store);
     const at = new Slider({ id: `slice-${name}`, label: "Position", least, largest }, (value) => views.setSlice(name, { at: value }));
     const angles =
@@ -67,8 +83,9 @@ export class SlicePanel {
       for (const [key, slider] of angles) slider.set(state[key]);
       for (const slider of [at, ...angles.map(([, slider]) => slider)]) slider.row.hidden = !shown || flat;
       bound.hidden = !shown;
+      face.hidden = !shown || flat;
     });
-    return h("div", { class: "slice" }, on.row, at.row, ...angles.map(([, slider]) => slider.row), bound);
+    return h("div", { class: "slice" }, h("div", { class: "slice-head" }, on.row, face), at.row, ...angles.map(([, slider]) => slider.row), bound);
   }
 
   private windowRows(): HTMLElement[] {
@@ -90,8 +107,10 @@ export class SlicePanel {
       width.set(across());
       ends.replaceChildren(h("span", {}, short(state.window[0])), h("span", {}, short(state.window[1])));
     });
-    const all = button("All values", () => views.set({ window: [least, largest > least ? largest : least + 1] }), { id: "window-all" });
-    return [ends, level.row, width.row, h("div", { class: "buttons" }, all)];
+    const choices = [["All values", allValues(store)] as const, ...namedWindows(store)].map(([name, window]) =>
+      button(name, () => views.set({ window }), { id: `window-${(name.split(" ")[0] ?? name).toLowerCase()}` }));
+    const buttons = h("div", { class: "buttons", role: "group", "aria-label": "Windows" }, ...choices, this.fromHistogram);
+    return [ends, level.row, width.row, buttons];
   }
 
   private paintLegend(map: string): void {

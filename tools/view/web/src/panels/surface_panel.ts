@@ -3,7 +3,7 @@ import { checkbox, h, numberField, section, select } from "../dom";
 import type { StoreInfo } from "../protocol";
 import type { Surface } from "../surface";
 import { mayBeLabels, type Target, type ViewStore } from "../state";
-import { bytes, rounding, short, surfaceBound, unitOf, whole } from "../words";
+import { bytes, rounding, short, sizeText, surfaceBound, unitOf, whole } from "../words";
 
 const kTargets: readonly (readonly [Target, string])[] = [
   ["screen", "to the screen's pixels"],
@@ -21,6 +21,7 @@ export class SurfacePanel {
   readonly choices: HTMLElement;
   private readonly bound = h("p", { class: "bound", id: "surface-bound" });
   private readonly count = h("p", { class: "count", id: "surface-count" });
+  private readonly size = h("p", { class: "count", id: "surface-size" });
   private readonly detail = h("p", { class: "note" });
   private readonly progress = h("p", { class: "progress", id: "surface-progress" });
   private readonly unit: string;
@@ -44,7 +45,7 @@ export class SurfacePanel {
     const largest = checkbox("Only the largest piece", (on) => views.set({ largest: on }), { id: "largest" });
     const smooth = checkbox("Smooth surface of the label", (on) => views.set({ smooth: on }), { id: "smooth" });
     const facets = checkbox("Show the triangles", (on) => views.set({ facets: on }), { id: "facets" });
-    this.state = h("div", { class: "state", role: "group", "aria-label": "The surface now" }, this.bound, this.count, this.progress, this.detail);
+    this.state = h("div", { class: "state", role: "group", "aria-label": "The surface now" }, this.bound, this.count, this.size, this.progress, this.detail);
     this.choices = section(
       "surface", "Surface", true,
       shown.row, smooth.row, target.row, pixels.row, error.row, distance.row, triangles.row, moving.row, most.row, largest.row, facets.row,
@@ -74,7 +75,10 @@ export class SurfacePanel {
     const { header } = this.surface.drawn;
     this.bound.textContent = this.sentence();
     this.count.textContent = header ? `${whole(header.triangles)} triangles on the screen` : "";
+    const { measure } = this.surface.drawn;
+    this.size.textContent = header && header.triangles > 0 && measure ? sizeText(measure, this.unit) : "";
     this.progress.textContent = this.underWay();
+    this.state.hidden = !header && this.progress.textContent === "";
     this.progress.classList.toggle("active", this.surface.refiner.busy && header !== null);
     const short = this.surface.refiner.shortOfMemory ? "There is too little memory for a finer surface. " : "";
     const limited = header && !short && this.limited() ? `The requested accuracy needs more than ${whole(this.views.state.most)} triangles. ` : "";

@@ -1,10 +1,13 @@
 // The worker of a page without a server: answers requests as in PROTOCOL.md, one after the other.
 import { UrlBytes } from "./url_bytes";
-import { Cancelled, type Loader, NotFetched, WasmStore } from "./wasm_store";
+import { Cancelled, type Loader, NotFetched, NotOpened, WasmStore } from "./wasm_store";
 
-/** From the page. `target`: the part of PROTOCOL.md's requests after `api/`. */
+/**
+ * From the page. `steps`: the URLs of all steps of a series, of which `url` is the first. `target`: the part of
+ * PROTOCOL.md's requests after `api/`.
+ */
 type Order =
-  | { readonly kind: "open"; readonly url: string; readonly memory: number }
+  | { readonly kind: "open"; readonly url: string; readonly steps?: readonly string[]; readonly memory: number }
   | { readonly kind: "request"; readonly id: number; readonly target: string }
   | { readonly kind: "cancel"; readonly id: number };
 
@@ -33,17 +36,73 @@ function told(error: unknown): string {
   return error instanceof Error ? error.message : String(error);
 }
 
-async function open(url: string, memory: number): Promise<WasmStore> {
-  const beside = new URL("./", location.href);
-  const object = UrlBytes.open(url, (count) => {
+function bytesOf(url: string): Promise<UrlBytes> {
+  return UrlBytes.open(url, (count) => {
     bytesOfRunning += count;
     if (running) send({ kind: "progress", id: running.id, bytes: bytesOfRunning });
   });
+}
+
+/** The bytes of the steps of a series; empty for one store. */
+class Steps {
+  private readonly opened = new Map<number, Promise<UrlBytes>>();
+
+  constructor(
+    private readonly urls: readonly string[],
+    first: Promise<UrlBytes>,
+  ) {
+    this.opened.set(0, first);
+  }
+
+  get last(): number {
+    return Math.max(this.urls.length - 1, 0);
+  }
+
+  /** Rejects with NotFetched. */
+  async bytes(step: number): Promise<UrlBytes> {
+    const opened = this.opened.get(step) ?? bytesOf(this.urls[step] ?? "");
+    this.opened.set(step, opened);
+    try {
+      return await opened;
+    } catch (error) {
+      this.opened.delete(step); // the next request tries again
+      throw new NotFetched(told(error));
+    }
+  }
+}
+let steps: Steps | null = null;
+
+async function open(object: Promise<UrlBytes>, memory: number): Promise<WasmStore> {
+  const beside = new URL("./", location.href);
   object.catch(() => {}); // awaited below
   const loader = (await import(/* the build leaves it alone */ new URL("isonest.mjs", beside).href)) as { default: Loader };
   const code = await fetch(new URL("isonest.wasm", beside));
   if (!code.ok) throw new Error(`isonest.wasm, a part of this page, cannot be loaded: the server answers ${code.status}.`);
   return WasmStore.open(loader.default, await code.arrayBuffer(), await object, memory);
+}
+
+/** The request's step, which the library does not know, and the rest. */
+function stepOf(target: string): readonly [number, string] {
+  const [path = "", text = ""] = target.split("?");
+  const query = new URLSearchParams(text);
+  const step = Number(query.get("step") ?? 0);
+  query.delete("step");
+  return [step, text === "" ? path : `${path}?${query.toString().replaceAll("%2C", ",")}`];
+}
+
+async function answerTo(request: Waiting): Promise<void> {
+  const opened = await store!;
+  const [step, target] = stepOf(request.target);
+  const last = steps!.last;
+  if (!Number.isInteger(step) || step < 0 || step > last) return answerError(request.id, 400, "invalid_argument", `step '${step}' is not an integer from 0 to ${last}`);
+  try {
+    await opened.turnTo(await steps!.bytes(step), () => request.cancelled);
+  } catch (error) {
+    if (error instanceof NotOpened) return answerError(request.id, 500, error.kind, error.message);
+    throw error;
+  }
+  const { status, type, body } = await opened.ask(`/api/${target}`, () => request.cancelled);
+  send({ kind: "answer", id: request.id, status, type, body }, [body]);
 }
 
 /** Like the server's errors. */
@@ -74,9 +133,7 @@ async function work(): Promise<void> {
     running = request;
     bytesOfRunning = 0;
     try {
-      const answer = await (await store).ask(`/api/${request.target}`, () => request.cancelled);
-      const { status, type, body } = answer;
-      send({ kind: "answer", id: request.id, status, type, body }, [body]);
+      await answerTo(request);
     } catch (error) {
       if (error instanceof Cancelled) {
         answerCancelled(request.id);
@@ -97,13 +154,16 @@ async function work(): Promise<void> {
 scope.onmessage = (event) => {
   const order = event.data;
   switch (order.kind) {
-    case "open":
-      store = open(order.url, order.memory);
+    case "open": {
+      const object = bytesOf(order.url);
+      steps = new Steps(order.steps ?? [], object);
+      store = open(object, order.memory);
       store.then(
         () => send({ kind: "opened" }),
         (error) => send({ kind: "failed", message: told(error) }),
       );
       break;
+    }
     case "request": {
       const stream = new URLSearchParams(order.target.split("?")[1] ?? "").get("stream");
       if (stream !== null) cancel((other) => other.stream === stream);

@@ -1,4 +1,4 @@
-// isonest.wasm (tools/web): a store and its queries. Independent of the network: the creator provides the bytes.
+// isonest.wasm (tools/web): stores and their queries. Independent of the network: the creator provides the bytes.
 
 /** The bytes of the store. Errors of both methods are shown to the user. */
 export interface ObjectBytes {
@@ -27,7 +27,7 @@ interface Module {
   readonly HEAPF64: Float64Array;
   _malloc(size: number): number;
   _free(at: number): void;
-  _isonest_begin(url: number, size: number, memory: number): void;
+  _isonest_begin(url: number, size: number, memory: number): number;
   _isonest_round_trip(milliseconds: number): void;
   _isonest_put(offset: number, bytes: number, size: number): void;
   _isonest_open(mayUnwind: number): number;
@@ -76,8 +76,10 @@ export class WasmStore {
 
   private constructor(
     private readonly module: Module,
-    private readonly bytes: ObjectBytes,
+    /** Of the store to which requests go. */
+    private bytes: ObjectBytes,
     readonly memory: WebAssembly.Memory,
+    private readonly budget: number,
   ) {}
 
   /** Throws NotOpened with the answer's error if the object is not a store. `memory`: memory budget in bytes. */
@@ -86,17 +88,26 @@ export class WasmStore {
     const fetchNow = (offset: number, size: number): Uint8Array | string => {
       store.counts.trips += 1;
       try {
-        return bytes.readNow(offset, size);
+        return store.bytes.readNow(offset, size);
       } catch (error) {
         return error instanceof Error ? error.message : String(error);
       }
     };
     const module = await load({ wasmBinary, wasmMemory, fetchNow });
-    const store = new WasmStore(module, bytes, wasmMemory);
-    store.withText(bytes.name, (at) => module._isonest_begin(at, bytes.size, memory));
-    const answer = await store.run((mayUnwind) => module._isonest_open(mayUnwind), () => false);
-    if (answer.status !== 200) throw new NotOpened(...problemOf(answer));
+    const store = new WasmStore(module, bytes, wasmMemory, memory);
+    await store.turnTo(bytes);
     return store;
+  }
+
+  /**
+   * Further requests go to the store with these bytes, which is opened unless it is open: those used last stay open. Throws
+   * NotOpened with the answer's error if it is not a store, and Cancelled.
+   */
+  async turnTo(bytes: ObjectBytes, isCancelled: () => boolean = () => false): Promise<void> {
+    this.bytes = bytes;
+    if (this.withText(bytes.name, (at) => this.module._isonest_begin(at, bytes.size, this.budget)) !== 0) return;
+    const answer = await this.run((mayUnwind) => this.module._isonest_open(mayUnwind), isCancelled);
+    if (answer.status !== 200) throw new NotOpened(...problemOf(answer));
   }
 
   /** `target`: "/api/..." as in PROTOCOL.md, or "/arrays/..." as in tools/web/array_answers.h. Throws Cancelled once `isCancelled()`, which is called between two runs. */

@@ -1,7 +1,16 @@
 // A published site and its stores. Its page names the list, site.json, in a <meta>; the page of `isonest view` has
 // none.
 
-/** Written by `isonest publish`. */
+/** The steps of a series: all that the page needs to know of them before they are opened. */
+export interface SiteSeries {
+  readonly time_unit: string | null;
+  /** Of all steps; null if there are no values. */
+  readonly min_value: number | null;
+  readonly max_value: number | null;
+  readonly steps: readonly { readonly time: number; readonly url: string; readonly bytes: number }[];
+}
+
+/** Written by `isonest publish`. Properties of a series are those of its first step, and `bytes` is the sum. */
 export interface SiteStore {
   /** Its name in links. */
   readonly name: string;
@@ -14,6 +23,7 @@ export interface SiteStore {
   readonly type: string;
   /** Of length; null if unknown. */
   readonly unit: string | null;
+  readonly series?: SiteSeries;
 }
 
 export interface Site {
@@ -43,9 +53,12 @@ export async function readSite(): Promise<Site | null> {
 
 function checked(site: Site, list: string): Site {
   const text = (...values: readonly unknown[]): boolean => values.every((value) => typeof value === "string");
+  const isUrl = (url: string): boolean => /^https?:$/.test(new URL(url, document.baseURI).protocol);
+  const rightSeries = ({ steps }: SiteSeries): boolean =>
+    Array.isArray(steps) && steps.length > 0 && steps.every(({ time, url, bytes }) => Number.isFinite(time) && text(url) && isUrl(url) && Number.isFinite(bytes));
   const right = (store: SiteStore): boolean =>
     text(store.name, store.url, store.title, store.description, store.license, store.type) && Number.isFinite(store.bytes) &&
-    Array.isArray(store.nodes) && /^https?:$/.test(new URL(store.url, document.baseURI).protocol);
+    Array.isArray(store.nodes) && isUrl(store.url) && (store.series === undefined || rightSeries(store.series));
   const whole = text(site.title, site.description, site.license) && Number.isFinite(site.memory) && Array.isArray(site.stores) && site.stores.length > 0;
   if (!whole || !site.stores.every(right)) throw new Error(`${list} is damaged: publish the folder again.`);
   return site;

@@ -5,7 +5,8 @@ import { pageOf, type Site, type SiteStore } from "./site";
 
 /** The known properties of a store that is not open: "512 × 512 × 512 float32, mm, 1.2 GB". */
 function figures(store: SiteStore): string {
-  return [`${store.nodes.join(" × ")} ${store.type}`, store.unit ?? "unit of length not known", bytes(store.bytes)].join(", ");
+  const steps = store.series ? [`${store.series.steps.length} steps`] : [];
+  return [...steps, `${store.nodes.join(" × ")} ${store.type}`, store.unit ?? "unit of length not known", bytes(store.bytes)].join(", ");
 }
 
 function licence(text: string): HTMLElement[] {

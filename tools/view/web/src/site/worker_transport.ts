@@ -23,15 +23,18 @@ export class WorkerTransport implements Transport {
   private next = 1;
   private failure: Unanswered | null = null;
 
-  /** `url`: of the store; `memory`: the worker's memory budget in bytes. Errors are reported with the first answer. */
-  constructor(url: string, memory: number) {
+  /**
+   * `url`: of the store; `steps`: of the steps of a series, or empty; `memory`: the worker's memory budget in bytes. Errors
+   * are reported with the first answer.
+   */
+  constructor(url: string, steps: readonly string[], memory: number) {
     this.worker.onmessage = (event: MessageEvent<Message>) => this.take(event.data);
     this.worker.onmessageerror = () => this.fail("The page's worker, which reads the store, sent an invalid message.");
     this.worker.onerror = (event) => {
       event.preventDefault(); // shown on the page
       this.fail(event.message ? `The page's worker, which reads the store, failed: ${event.message}` : `The page's worker, which reads the store, cannot be loaded: ${kScript}`);
     };
-    this.worker.postMessage({ kind: "open", url, memory });
+    this.worker.postMessage({ kind: "open", url, steps, memory });
   }
 
   ask(target: string, signal: AbortSignal, progress: (bytes: number) => void): Promise<Answer> {

@@ -1,4 +1,4 @@
-// The parts of the page that several tests read and use.
+// What tests do with a page of the viewer.
 import assert from "node:assert/strict";
 import { readPng } from "../../tools/view/web/drive.mjs";
 
@@ -18,7 +18,6 @@ export async function canvas(page) {
   await page.$eval(".overlay", (overlay) => overlay.removeAttribute("visibility"));
   return picture;
 }
-/** The fraction of pixels that differ by more than `by` in a colour. */
 export function differing(a, b, by = 24) {
   assert.deepEqual([a.width, a.height], [b.width, b.height]);
   let count = 0;
@@ -37,36 +36,4 @@ export async function commandOf(page, output) {
   const [name, ...parts] = text.trim().split(" "); // no argument contains a space
   assert.equal(name, "isonest");
   return [...parts.slice(0, parts.lastIndexOf("-o")), "-o", output];
-}
-
-/** Runs in the page: the WCAG contrast of each text with its background. */
-export function faintTexts() {
-  const context = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
-  const over = (color, below) => {
-    context.globalCompositeOperation = "copy";
-    context.fillStyle = `rgb(${below.join(" ")})`;
-    context.fillRect(0, 0, 1, 1);
-    context.globalCompositeOperation = "source-over";
-    context.fillStyle = color;
-    context.fillRect(0, 0, 1, 1);
-    return [...context.getImageData(0, 0, 1, 1).data.slice(0, 3)];
-  };
-  const light = (color) => {
-    const [r, g, b] = color.map((part) => (part / 255 <= 0.04045 ? part / 255 / 12.92 : ((part / 255 + 0.055) / 1.055) ** 2.4));
-    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
-  };
-  const background = (element) => {
-    if (!element) return [255, 255, 255];
-    return over(getComputedStyle(element).backgroundColor, background(element.parentElement));
-  };
-  const faint = [];
-  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-  for (let node = walker.nextNode(); node; node = walker.nextNode()) {
-    const element = node.parentElement;
-    if (!node.textContent.trim() || !element.checkVisibility() || element.closest("svg")) continue;
-    const behind = background(element);
-    const [low, high] = [light(behind), light(over(getComputedStyle(element).color, behind))].sort((a, b) => a - b);
-    if ((high + 0.05) / (low + 0.05) < 4.5) faint.push(`${node.textContent}: ${((high + 0.05) / (low + 0.05)).toFixed(2)}`);
-  }
-  return faint;
 }

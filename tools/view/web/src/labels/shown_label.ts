@@ -1,9 +1,10 @@
 // The name and colour of the label that is shown.
-import { type Api, ServerError } from "./api";
-import { setSurfaceColor } from "./shaders";
-import type { Stage } from "./stage";
-import type { ViewStore } from "./state";
-import type { Surface } from "./surface";
+import { type Api, ServerError } from "../api";
+import type { StoreInfo, Vector } from "../protocol";
+import { setSurfaceColor } from "../shaders";
+import type { Stage } from "../stage";
+import { stepOf, type ViewStore } from "../state";
+import type { Surface } from "../surface";
 
 export class ShownLabel {
   /** Empty if it has none, or it is not known yet. */
@@ -12,21 +13,25 @@ export class ShownLabel {
   constructor(
     private readonly api: Api,
     private readonly views: ViewStore,
+    private readonly store: StoreInfo,
     private readonly stage: Stage,
     private readonly surface: Surface,
+    /** Of a label without a colour of its own; 0 to 255 each. */
+    private readonly colorOf: (label: number) => Vector,
     private readonly changed: (name: string) => void,
     private readonly failed: (error: Error) => void,
   ) {
     views.subscribe((_state, keys) => {
-      if (keys.has("iso")) void this.ask();
+      if (keys.has("iso") || keys.has("step")) void this.ask();
     });
   }
 
   private async ask(): Promise<void> {
     try {
-      const { name, color } = await this.api.label(Math.round(this.views.state.iso));
+      const { name, color } = await this.api.label(Math.round(this.views.state.iso), stepOf(this.store, this.views.state));
       this.name = name ?? "";
-      setSurfaceColor(this.surface.drawn.material, color && [color[0] / 255, color[1] / 255, color[2] / 255]);
+      const [red, green, blue] = color ?? this.colorOf(Math.round(this.views.state.iso));
+      setSurfaceColor(this.surface.drawn.material, [red / 255, green / 255, blue / 255]);
       this.stage.invalidate();
       this.changed(this.name);
     } catch (error) {
