@@ -68,7 +68,7 @@ std::string why_not_uneven(const Int3& nodes, const Double3& spacing, const Doub
         if (offsets.front() != 0 || !(std::fabs(offsets.back() - spacing[a] * cells) <=
                                       kRounding * std::fabs(offsets.back()))) {
             return fmt::format(
-                "offsets along {} from {} to {}: they start with 0 and end with the "
+                "offsets along {} from {} to {}: they must start with 0 and end with the "
                 "spacing times the number of cells, {}",
                 "xyz"[a], offsets.front(), offsets.back(), spacing[a] * cells);
         }

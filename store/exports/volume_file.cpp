@@ -446,8 +446,8 @@ std::unique_ptr<VolumeFile> create_volume_file(const std::filesystem::path& path
     const std::string ending = path.extension().string();
     if (spec.uneven && ending != ".npy" && ending != ".raw") {
         throw Error(ErrorKind::unsupported, {path.string()},
-                    "the nodes of the volume lie at uneven distances, which this format does not "
-                    "hold",
+                    "the nodes of the volume lie at uneven distances, which this format cannot "
+                    "store",
                     {{RemedyKind::other_format, ".npy, .raw"}});
     }
     if (ending == ".h5" || ending == ".hdf5") {

@@ -66,8 +66,9 @@ struct MeshBudget {
     int threads = 0;
 };
 
-/// Answers one request after the other, for one store or for the steps of a series: what was learnt
-/// from one of them is where the search for the next one begins. Not thread-safe.
+/// Answers one request after the other, for one store or for the steps of a series: the search for
+/// an error starts from what was learnt from earlier requests, also of other steps. Not
+/// thread-safe.
 class MeshAnswers {
   public:
     /// `range`: of the values of all these stores.

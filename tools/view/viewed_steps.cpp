@@ -11,7 +11,7 @@
 namespace isonest::detail::view {
 namespace {
 
-/// Steps that stay open besides the first one: those between which a user goes to and fro.
+/// Steps that stay open besides the first one: for users who go back and forth.
 constexpr std::size_t kMaxRecent = 8;
 
 }  // namespace

@@ -146,7 +146,7 @@ std::unique_ptr<VolumeSource> repeated(std::unique_ptr<VolumeSource> inner,
         if (given.uneven) {
             throw Error(ErrorKind::unsupported, {given.name},
                         fmt::format("{} cannot be periodic: the nodes of this volume lie at uneven "
-                                    "distances, which do not say how long a period is",
+                                    "distances, so the length of a period is unknown",
                                     name),
                         {{RemedyKind::place_in_world, "spacing"}});
         }

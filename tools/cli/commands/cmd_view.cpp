@@ -172,8 +172,8 @@ std::vector<view::Quantity> open_quantities(const ViewArguments& a, std::uint64_
         const std::optional<NamedValues> named = parse_named_values(text);
         if (!named || named->sources.size() != 1) {
             throw Error(ErrorKind::invalid_argument,
-                        fmt::format("--vertex-values '{}': give NAME=STORE; the page colours by "
-                                    "one number, not by a vector",
+                        fmt::format("--vertex-values '{}': give NAME=STORE with one store: the "
+                                    "page colours by a number, not by a vector",
                                     text));
         }
         InputArguments source = arguments_of_source(named->sources.front(), a.in.remote);
@@ -193,14 +193,13 @@ void open_viewed(ViewArguments& a, Progress& progress, Progress& serving, Viewed
     if (const std::optional<Series> series = open_if_series(a.in, nullptr)) {
         if (!a.in.keep.empty()) {
             throw Error(ErrorKind::invalid_argument, {a.in.shown()},
-                        "is a series, whose stores are there: leave out --keep-store");
+                        "is a series, so no temporary store is made: leave out --keep-store");
         }
         const std::vector<std::size_t> steps =
             series->steps().empty() ? std::vector<std::size_t>() : chosen_steps(*series, a.times);
         if (!a.quantities.empty()) {
             throw Error(ErrorKind::invalid_argument, {a.in.shown()},
-                        "is a series, and --vertex-values needs one store: give the store of a "
-                        "step");
+                        "is a series; with --vertex-values, give the store of one of its steps");
         }
         viewed.steps = std::make_unique<view::ViewedSteps>(
             *series, steps, view::MemoryShares(a.memory), a.threads, progress);

@@ -38,7 +38,7 @@ export class CameraMoves {
     const side = (frame === null ? ([1, -1, 1] as const) : ofPatient)[main];
     const sign = Math.sign(normal[main]) * side;
     const toward: [number, number, number] = [normal[0] * sign, normal[1] * sign, normal[2] * sign];
-    // Up is z. A look along z is tilted a little, so that what is to be at the top is.
+    // Up is z. A view along z is tilted a little, which decides what is at the top.
     if (Math.hypot(toward[0], toward[1]) < kTilt) toward[1] = -kTilt * (frame === "LPS" ? -1 : 1) * toward[2];
     this.views.set({ eye: eyeFor(box, toward, this.stage.aspect), lookAt: centreOf(box), projection: "orthographic", surface: false });
   }

@@ -1,4 +1,4 @@
-// Reads the histogram; for a series, again for each step that stays.
+// Reads the histogram; for a series, again whenever the slider of time rests at another step.
 import { type Api, ServerError } from "./api";
 import type { HistogramPanel } from "./panels/histogram";
 import type { HistogramInfo, StoreInfo } from "./protocol";

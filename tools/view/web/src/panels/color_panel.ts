@@ -50,7 +50,7 @@ export class ColorPanel {
       return;
     }
     const { color_bound: bound = null, uncolored_triangles: without = 0, value_rounding: rounding = 0 } = header;
-    const between = bound === null ? "" : `Between vertices, the colours' values are within ${shortBound(bound + rounding)} of ${header.color}.`;
+    const between = bound === null ? "" : `Between vertices, the values shown as colours are within ${shortBound(bound + rounding)} of ${header.color}.`;
     this.note.textContent = `${between}${without > 0 ? ` ${whole(without)} triangles are next to missing values, without this bound.` : ""}${header.value_missing === undefined ? "" : " Gray: no value."}`.trim();
   }
 

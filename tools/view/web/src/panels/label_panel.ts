@@ -63,7 +63,7 @@ export class LabelPanel {
       this.note.textContent = "Looking for the labels…";
       this.api.labels(false, stepOf(this.store, this.views.state)).then((labels) => this.take(labels), this.failed);
     }, { id: "labels-find" });
-    this.note.replaceChildren("The labels have no names. To list them, all values are fetched. ", find);
+    this.note.replaceChildren("The labels have no names. To list them, all values have to be fetched. ", find);
   }
 
   private take(labels: readonly ListedLabel[]): void {
