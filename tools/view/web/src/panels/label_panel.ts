@@ -18,6 +18,8 @@ export class LabelPanel {
   private readonly search = h("input", { type: "search", id: "label-search", placeholder: "Search names and numbers", "aria-label": "Search the labels" });
   private readonly note = h("p", { class: "note", id: "label-note", role: "status" }, "Looking for the labels…");
   private readonly boxes = new Map<number, HTMLInputElement>();
+  /** The URL that was opened names a label. */
+  private readonly isChosen = new URLSearchParams(location.hash.slice(1)).has("iso");
   private readonly names = new Map<number, HTMLButtonElement>();
 
   constructor(
@@ -72,8 +74,7 @@ export class LabelPanel {
     this.layers.setColors(new Map(colors));
     const { iso } = this.views.state;
     const first = this.labels.find(({ id, nodes }) => id !== 0 && nodes !== 0);
-    const hasIso = new URLSearchParams(location.hash.slice(1)).has("iso");
-    if (first && !hasIso && !this.labels.some(({ id }) => id === iso)) this.views.set({ iso: first.id });
+    if (first && !this.isChosen && !this.labels.some(({ id }) => id === iso)) this.views.set({ iso: first.id });
     this.fill();
   }
 
