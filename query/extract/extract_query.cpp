@@ -230,6 +230,12 @@ class Asking {
         }
     }
     ExtractQuery finish(const StoreReader& store) {
+        if (!asked.traversal.tolerance.is_zero()) {
+            // The error of a coarser element is that of its image in the lattice, which is bent.
+            require_even_axes(header_.uneven, store.path().string(),
+                              "the nested grid (an error with the effort none, or of a slice or "
+                              "lines)");
+        }
         keep_on_border(store.layout().lattice());
         require_float32_places(store, asked.steps, asked.origin, asked.product == Product::graph);
         if (asked.traversal.attributes.value && !asked.traversal.attributes.wide_value) {
@@ -384,8 +390,7 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
             asked.stages.error = stop.threshold;
             asked.stages.error_effort = effort;
         }
-        // Hexahedra are simplified from full resolution. So are surfaces of volumes with uneven
-        // axes: the error of a coarser triangle is that of its image in the lattice, which is bent.
+        // Hexahedra are simplified from full resolution, and so are volumes with uneven axes.
         const double share = cells == Cells::hexahedra || asked.steps.uneven != nullptr
                                  ? 0
                                  : nested_share(grid.vertices);

@@ -21,6 +21,7 @@
 #include "query/mesh/weld.h"
 #include "store/base/workers.h"
 #include "store/container/codec.h"
+#include "store/container/parts/header_reader.h"
 #include "store/files/output_file.h"
 
 namespace isonest::detail {
@@ -39,7 +40,8 @@ std::string store_key(const StoreReader& store) {
                        h.origin[2]) +
            (steps.is_sheared()
                 ? fmt::format(", shear {} {} {}", steps.y_along_x, steps.z_along_x, steps.z_along_y)
-                : "");
+                : "") +
+           (h.uneven ? fmt::format(", offsets {:016x}", offsets_digest(*h.uneven)) : "");
 }
 
 std::string prefix_of(const StoreReader& store) {

@@ -189,7 +189,9 @@ std::vector<std::byte> packed_patch(const MappedPatch& patch) {
     packer.put(PatchHead{vertices, patch.triangles.size(), patch.box, !patch.next_copy.empty(),
                          patch.kept_nodes.has_value()});
     if (patch.kept_nodes) {
-        packer.put(*patch.kept_nodes);
+        KeptNodes sent = *patch.kept_nodes;
+        sent.lattice.steps.uneven = nullptr;  // an address in this process; they have even axes
+        packer.put(sent);
     }
     packer.put_all(patch.positions.data(), patch.positions.size());
     packer.put_bits(patch.shared);

@@ -65,8 +65,9 @@ std::string why_not_uneven(const Int3& nodes, const Double3& spacing, const Doub
         }
         const auto cells = static_cast<double>(count - 1);
         constexpr double kRounding = 1e-12;
-        if (offsets.front() != 0 || !(std::fabs(offsets.back() - spacing[a] * cells) <=
-                                      kRounding * std::fabs(offsets.back()))) {
+        if (offsets.front() != 0 || !std::isfinite(offsets.back()) ||
+            !(std::fabs(offsets.back() - spacing[a] * cells) <=
+              kRounding * std::fabs(offsets.back()))) {
             return fmt::format(
                 "offsets along {} from {} to {}: they must start with 0 and end with the "
                 "spacing times the number of cells, {}",

@@ -119,6 +119,9 @@ def test_unevenly_spaced_coordinates_are_the_places_of_the_nodes(volume, tmp_pat
     np.testing.assert_array_equal(row, np.sort(100 - np.arange(17) ** 2.0))
     np.testing.assert_allclose(depth, array.depth)
     np.testing.assert_array_equal(uneven.values(), volume[:, ::-1])
+    moved = stored(array.assign_coords(row=100 - np.arange(17) ** 2.0), tmp_path / "z", origin=(1, 2, 3))
+    np.testing.assert_array_equal(moved.coordinates[1], row - row[0] + 2)
+    assert moved.origin == (1, 2, 3)
     even = stored(array, tmp_path / "y")
     np.testing.assert_allclose(even.coordinates[1], array.row)
 

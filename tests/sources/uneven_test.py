@@ -6,6 +6,7 @@ usage: uneven_test.py ISONEST PLUGIN_FOLDER
 import json
 import os
 import pathlib
+import shutil
 import sys
 import unittest
 
@@ -108,6 +109,26 @@ def trilinear(values, points, grid=(X, Y, Z)):
     for dx, dy, dz in np.ndindex(2, 2, 2):
         weight = (u if dx else 1 - u) * (v if dy else 1 - v) * (w if dz else 1 - w)
         total += weight * values[k + dz, j + dy, i + dx]
+    return total
+
+
+def piecewise_linear(values, points, grid=(X, Y, Z)):
+    """On the six tetrahedra of each cell; cells with odd numbers are mirrored."""
+    places = [place_in(np.asarray(numbers), points[:, a]) for a, numbers in enumerate(grid)]
+    cell = np.stack([cell for cell, _ in places], 1)
+    at = np.stack([at for _, at in places], 1)
+    odd = cell % 2
+    along = np.where(odd == 1, 1 - at, at)
+    order = np.argsort(-along, axis=1, kind="stable")
+    sorted_along = np.take_along_axis(along, order, 1)
+    node = cell + odd
+    rows = np.arange(len(points))
+    value = values[node[:, 2], node[:, 1], node[:, 0]]
+    total = value * (1 - sorted_along[:, 0])
+    for i in range(3):
+        node[rows, order[:, i]] += 1 - 2 * odd[rows, order[:, i]]
+        after = sorted_along[:, i + 1] if i < 2 else 0
+        total += values[node[:, 2], node[:, 1], node[:, 0]] * (sorted_along[:, i] - after)
     return total
 
 
@@ -252,15 +273,16 @@ class Uneven(Input):
         self.stored()
         values = field().astype("f8")
         full = len(self.extracted()[1])
-        for options in (("--effort", "fast"), ("--effort", "best"), ("--effort", "best", "--cells", "hex")):
+        for options in (("--effort", "fast"), ("--effort", "best", "--cells", "tet"), ("--effort", "best", "--cells", "hex")):
             for limit in (0.01, 0.05):
                 points, triangles, _ = self.extracted("--error", str(limit), *options)
                 self.assertLess(len(triangles), full)
                 bound = self.report["error_bound"]
                 self.assertLessEqual(bound, limit)
-                if self.report["cells"].startswith("hex"):
-                    off = np.abs(trilinear(values, samples(points, triangles)) - ISO)
-                    self.assertLessEqual(off.max(), bound * (1 + 1e-6) + 1e-6)
+                u = trilinear if self.report["function"] == "trilinear" else piecewise_linear
+                off = np.abs(u(values, samples(points, triangles)) - ISO)
+                self.assertLessEqual(off.max(), bound * (1 + 1e-6) + 1e-6)
+                self.assertGreater(off.max(), 0.3 * bound)
 
     def test_closed_surfaces_and_boxes(self):
         self.stored()
@@ -338,7 +360,10 @@ class Uneven(Input):
         for command, options in (("study", ("--iso", "0.5", "-o", self.here / "study")), ("smooth", ("--steps", "2", "--tau", "1", "--lambda", "1", "-o", self.here / "n.nrrd")),
                                  ("export", ("--field", "values", "-o", self.here / "v.nrrd")),
                                  ("publish", ("-o", self.here / "site")), ("view", ("--port", "0")),
-                                 ("extract", ("--iso", "0.5", "--distance", "1", "--effort", "none", "-o", self.here / "n.ply"))):
+                                 ("extract", ("--iso", "0.5", "--distance", "1", "--effort", "none", "-o", self.here / "n.ply")),
+                                 ("extract", ("--iso", "0.5", "--error", "0.1", "--effort", "none", "-o", self.here / "n.ply")),
+                                 ("extract", ("--iso", "0.5", "--error", "0.1", "--focus", "1,2,3,4,5,6", "-o", self.here / "n.ply")),
+                                 ("slice", ("--plane", "0,0,1,150", "--error", "0.1", "-o", self.here / "n.ply"))):
             with self.subTest(command=command):
                 done = self.run_isonest(command, *options)
                 self.assertIn(done.returncode, (2, 5), done.stderr)
@@ -353,6 +378,35 @@ class Uneven(Input):
         done = self.preprocess("--force", "--periodic", "x")
         self.assertIn("uneven distances", done.stderr)
         self.assertEqual(done.returncode, 5)
+
+    def test_a_kept_analysis_is_of_the_coordinates(self):
+        self.stored()
+        options = ("--distance", "1", "--keep-analysis")
+        first = self.extracted(*options)[0]
+        moved = Z.copy()
+        moved[12] += 0.9
+        self.write(field(), z=moved)
+        self.stored()
+        second = self.extracted(*options)[0]
+        self.assertNotEqual(first.shape, second.shape)
+        alone = self.here / "alone.isonest"
+        shutil.copy(self.store, alone)
+        np.testing.assert_array_equal(second, self.extracted(*options, of=alone)[0])
+
+    def test_an_origin_of_an_hdf5_dataset_moves_the_coordinates(self):
+        self.path = self.here / "v.h5"
+        with h5py.File(self.path, "w") as file:
+            data = file.create_dataset("t", data=field())
+            for axis, (name, at) in enumerate(GRID.items()):
+                file[name] = at[::-1] if name == "y" else at
+                file[name].make_scale(name)
+                data.dims[axis].attach_scale(file[name])
+            data.attrs["origin"] = [1.0, 2.0, 3.0]
+        self.stored("--dataset", "t")
+        with h5py.File(self.store) as store:
+            np.testing.assert_allclose(store.attrs["origin"], [1, 2, 3])
+            np.testing.assert_allclose(store.attrs["offsets_y"], Y - Y[0], rtol=1e-12)
+            np.testing.assert_allclose(store.attrs["offsets_z"], Z - Z[0], rtol=1e-12)
 
     def test_a_rectilinear_grid_of_vtk(self):
         expected, theirs, _ = contour(rectilinear(field()))

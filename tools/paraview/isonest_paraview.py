@@ -228,6 +228,7 @@ class IsonestVolume(_StoreReader):
 
     def RequestData(self, request, inputs, outputs):
         store, level = self.store(), self._chosen_level()
+        store.require_even_axes("an image of ParaView")
         values = store.values(level, memory=self.memory(), progress=self.report)
         image = self.GetOutputData(outputs, 0)
         image.SetDimensions(*values.shape[::-1])

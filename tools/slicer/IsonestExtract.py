@@ -77,6 +77,7 @@ def volume_image(store, level=None):
     if level is None:
         level = next((one for one in range(store.levels) if np.prod(store.level_shape(one), dtype=float) <= MAX_NODES),
                      store.levels - 1)
+    store.require_even_axes("a volume of Slicer")
     values = store.values(level)
     image = vtkImageData()
     image.SetDimensions(*values.shape[::-1])

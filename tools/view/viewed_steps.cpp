@@ -125,8 +125,14 @@ std::shared_ptr<const OpenStep> ViewedSteps::open(std::size_t step) {
         recent_.splice(recent_.begin(), recent_, found);
         return found->second;
     }
-    recent_.emplace_front(
-        step, std::make_shared<const OpenStep>(Store(steps_[step].path), shares_, threads_));
+    const Step& asked = steps_[step];
+    auto opened = std::make_shared<const OpenStep>(Store(asked.path), shares_, threads_);
+    if (asked.watch.state() != StoreState::same) {
+        throw Error(ErrorKind::corrupt, {asked.path.string()},
+                    "the store has changed since the series was opened; start the viewer again");
+    }
+    cli::require_same_place(first_->store, opened->store);
+    recent_.emplace_front(step, std::move(opened));
     if (recent_.size() > kMaxRecent) {
         recent_.pop_back();
     }

@@ -376,8 +376,7 @@ std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceO
         result = scaled(std::move(result), scaling);
     }
     result = mirrored(std::move(result), backward);
-    if (stack.offsets.empty() ||
-        result->describe().nodes.z != static_cast<std::int64_t>(stack.offsets.size())) {
+    if (stack.offsets.empty()) {
         return result;
     }
     auto axes = std::make_shared<UnevenAxes>();

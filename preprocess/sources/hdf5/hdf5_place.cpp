@@ -325,7 +325,14 @@ Hdf5Place hdf5_place(const NamedDataset& of, const DatasetShape& shape,
         place.uneven.at(i).clear();
         place.said.at(i) = true;
     }
-    read_three(of.dataset, shape, "origin", place.in_world.origin);
+    const std::size_t given_origin = read_three(of.dataset, shape, "origin", place.in_world.origin);
+    for (std::size_t a = 0; a < std::min<std::size_t>(given_origin, 3); ++a) {
+        std::vector<double>& at = place.uneven.at(a);
+        const double first = at.empty() ? 0 : std::min(at.front(), at.back());
+        for (double& x : at) {
+            x += place.in_world.origin.at(a) - first;
+        }
+    }
     read_direction(of.dataset, place.in_world.direction);
     if (place.in_world.direction != kAlongWorld) {
         place.uneven = {};

@@ -37,7 +37,11 @@ Json series_json(const Series& series) {
 }
 
 void require_same_place(const Store& first, const Store& other) {
-    if (!(other.nodes() == first.nodes()) || other.type() != first.type() ||
+    const UnevenAxesPtr uneven = first.uneven_axes();
+    const UnevenAxesPtr others = other.uneven_axes();
+    const bool same_axes =
+        (uneven == nullptr) == (others == nullptr) && (uneven == nullptr || *uneven == *others);
+    if (!same_axes || !(other.nodes() == first.nodes()) || other.type() != first.type() ||
         other.spacing() != first.spacing() || other.origin() != first.origin() ||
         other.direction() != first.direction()) {
         throw Error(ErrorKind::corrupt, {other.path().string()},

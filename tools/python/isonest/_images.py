@@ -37,7 +37,12 @@ class Image(NamedTuple):
         spacing = self.spacing if self.spacing is not None else (1.0,) * len(self.values.shape)
         return self._replace(values=rearranged(self.values, steps=(step,) * len(self.values.shape)),
                              spacing=[step * length for length in spacing],
-                             uneven=[sorted(numbers)[::step] for numbers in self.uneven])
+                             uneven=[_if_several(sorted(numbers)[::step]) for numbers in self.uneven])
+
+
+def _if_several(numbers: Sequence[float]) -> Sequence[float]:
+    """A single node has no distances; its place is the image's origin."""
+    return numbers if len(numbers) > 1 else ()
 
 
 class Rearranged:

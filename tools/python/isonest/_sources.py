@@ -123,7 +123,7 @@ def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[S
         "direction": image.direction if spacing is None else ALONG_WORLD,
         "unit": unit if unit is not None else image.unit, "name": name, "files": files, "missing": missing,
         "frame": frame if frame is not None else image.frame if spacing is None else None,
-        "uneven": image.uneven if spacing is None else ((), (), ())}
+        "uneven": _uneven(image, origin, ndim) if spacing is None else ((), (), ())}
     reader = _Reader(volume, name)
     if isinstance(volume, np.ndarray) and not isinstance(volume, np.ma.MaskedArray):
         plain = volume.view(np.uint8) if volume.dtype == np.bool_ else volume
@@ -139,6 +139,13 @@ def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[S
     return _core.source_of_reader(
         reader, nodes=(nx, ny, nz), dtype=reader.dtype, planes=planes, rows=rows,
         heap=planes * rows * each + (2 << 20), identity=identity, **place)
+
+
+def _uneven(image: _images.Image, origin: Optional[Sequence[float]], ndim: int) -> Sequence[Sequence[float]]:
+    """The coordinates of uneven axes, x, y and z, moved to where the caller wants the first node."""
+    if origin is None:
+        return image.uneven
+    return [[x - min(at) + first for x in at] for at, first in zip(image.uneven, per_axis("origin", origin, ndim, 0.0))]
 
 
 def of_volume(volume: Any, *, identified: bool, memory: int, spacing: Optional[Sequence[float]] = None,

@@ -164,8 +164,14 @@ class Store(Extracting):
 
     @property
     def spacing(self) -> tuple[float, float, float]:
-        """Distance between neighbouring nodes in world units, (z, y, x)."""
+        """Distance between neighbouring nodes in world units, (z, y, x); the mean where :attr:`coordinates` are uneven."""
         return backwards(self._core.spacing)
+
+    def require_even_axes(self, what: str) -> None:
+        """Raises ValueError, naming ``what`` needs it, if nodes lie at uneven distances: :attr:`spacing` is then a mean."""
+        if any(self._core.uneven):
+            raise ValueError(f"{what} needs evenly spaced axes, but the nodes of {self.path} lie at uneven distances; resample "
+                             "the volume, or preprocess it with spacing=")
 
     @property
     def coordinates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -71,6 +71,7 @@ class Level:
 
 def _placement(store: Store) -> "dict[str, Any]":
     """The transformation from indices of the finest level to the world, in the order (z, y, x)."""
+    store.require_even_axes("a layer of napari")
     plane = slice(1, 3) if store.shape[0] == 1 else slice(0, 3)
     if store.direction == ALONG_WORLD or store.shape[0] == 1:
         return {"scale": store.spacing[plane], "translate": store.origin[plane]}

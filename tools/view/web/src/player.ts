@@ -24,6 +24,7 @@ export class Player {
   private direction = 1;
   private prepared = "";
   private generation = 0;
+  private runs = 0;
   private readonly listeners: (() => void)[] = [];
 
   constructor(
@@ -100,12 +101,15 @@ export class Player {
   private async play(): Promise<void> {
     this.playing = true;
     this.tell();
-    while (this.playing) {
+    // Ends if it was stopped, even if another one has started since.
+    const run = ++this.runs;
+    const goesOn = () => this.playing && run === this.runs;
+    while (goesOn()) {
       const start = performance.now();
       this.show((this.views.state.step + 1) % this.count);
       this.direction = 1;
       do await pause(kPoll);
-      while (this.playing && this.shown.behind());
+      while (goesOn() && this.shown.behind());
       await pause(Math.max(kFrame - (performance.now() - start), 0));
     }
   }

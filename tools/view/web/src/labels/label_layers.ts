@@ -76,6 +76,7 @@ export class LabelLayers {
 
   /** Starts again after an error. */
   again(): void {
+    ++this.generation;
     this.update();
   }
 
