@@ -1,6 +1,7 @@
 #include "tools/view/viewed_steps.h"
 
 #include <algorithm>
+#include <filesystem>
 #include <utility>
 
 #include <isonest/error.h>
@@ -58,10 +59,15 @@ const char* name_of(StoreState state) {
 
 ViewedSteps::ViewedSteps(const Store& store, const MemoryShares& shares, int threads,
                          std::vector<Quantity> quantities)
-    : shares_(shares),
-      threads_(threads),
-      first_(std::make_shared<const OpenStep>(store, shares, threads, std::move(quantities))) {
+    : shares_(shares), threads_(threads) {
     steps_.push_back({store.path(), StoreWatch(store)});
+    for (const Quantity& quantity : quantities) {
+        // The temporary store of a volume may have no name any more.
+        if (std::filesystem::exists(quantity.store->path())) {
+            quantities_.emplace_back(*quantity.store);
+        }
+    }
+    first_ = std::make_shared<const OpenStep>(store, shares, threads, std::move(quantities));
 }
 
 ViewedSteps::ViewedSteps(const Series& series, const std::vector<std::size_t>& steps,
@@ -139,9 +145,21 @@ std::shared_ptr<const OpenStep> ViewedSteps::open(std::size_t step) {
     return recent_.front().second;
 }
 
+StoreState ViewedSteps::state(std::size_t step) const {
+    if (const StoreState state = steps_[step].watch.state(); state != StoreState::same) {
+        return state;
+    }
+    for (const StoreWatch& quantity : quantities_) {
+        if (const StoreState state = quantity.state(); state != StoreState::same) {
+            return state;
+        }
+    }
+    return StoreState::same;
+}
+
 StoreState ViewedSteps::state() const {
-    for (const Step& step : steps_) {
-        if (const StoreState state = step.watch.state(); state != StoreState::same) {
+    for (std::size_t step = 0; step < steps_.size(); ++step) {
+        if (const StoreState state = this->state(step); state != StoreState::same) {
             return state;
         }
     }

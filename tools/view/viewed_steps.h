@@ -83,8 +83,9 @@ class ViewedSteps {
     /// The step, opened if necessary. REQUIRES: step < count(). Throws what Store throws.
     std::shared_ptr<const OpenStep> open(std::size_t step);
     [[nodiscard]] const std::filesystem::path& path(std::size_t step) const;
-    [[nodiscard]] StoreState state(std::size_t step) const { return steps_[step].watch.state(); }
-    /// The first state that is not `same`, of all steps.
+    /// The first state that is not `same`, of the step and of the quantities.
+    [[nodiscard]] StoreState state(std::size_t step) const;
+    /// The same of all steps.
     [[nodiscard]] StoreState state() const;
 
   private:
@@ -98,6 +99,7 @@ class ViewedSteps {
     MemoryShares shares_;
     int threads_;
     std::vector<Step> steps_;
+    std::vector<StoreWatch> quantities_;
     std::shared_ptr<const OpenStep> first_;
     std::optional<SeriesSummary> series_;
     double least_ = std::numeric_limits<double>::infinity();  ///< value of a series
