@@ -95,6 +95,19 @@ class Colors(unittest.TestCase):
             self.assertIn(word, done.stderr)
 
 
+class Replaced(unittest.TestCase):
+    def test_a_quantity_that_is_cut_off_is_refused_like_the_store(self):
+        z, y, x = grid((13, 13, 13))
+        write("field", (5 - abs(x - 6) - abs(y - 6) / 2).astype("f4"))
+        write("gone", (x + y + z).astype("f4"))
+        with view("field.isonest", "--vertex-values", "gone=gone.isonest") as server:
+            self.assertEqual(server.mesh("/api/surface", iso=2, error=0, color="gone")["color"], "gone")
+            with open(HERE / "gone.isonest", "r+b") as file:
+                file.truncate(512)
+            self.assertEqual(server.ask("/api/surface", iso=2.5, error=0, color="gone")[0], 410)
+            self.assertEqual(server.ask("/api/value", at="5,6,7")[0], 410)
+
+
 class Labels(unittest.TestCase):
     def test_all_labels_are_listed(self):
         values = numpy.random.default_rng(5).integers(0, 40, (9, 10, 11)) ** 2
