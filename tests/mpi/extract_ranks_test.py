@@ -51,6 +51,23 @@ class ExtractRanks(unittest.TestCase):
                     self.assertEqual(len(report["ranks"]), count)
                     self.assertTrue(all(r["leaves"] > 0 for r in report["ranks"]))
 
+    def test_uneven_axes_are_those_of_each_rank(self):
+        numbers = " ".join(str(round(8 - ((x - 9)**2 + (y - 8)**2 + (z - 9)**2)**0.5, 4))
+                           for z in range(19) for y in range(17) for x in range(20))
+        axes = "".join(f'<DataArray type="Float64" format="ascii">{" ".join(str(i + i * i / 9) for i in range(n))}</DataArray>'
+                       for n in (20, 17, 19))
+        volume = self.folder / "v.vtr"
+        volume.write_text('<VTKFile type="RectilinearGrid"><RectilinearGrid WholeExtent="0 19 0 16 0 18"><Piece>'
+                          f'<PointData><DataArray type="Float32" Name="v" format="ascii">{numbers}</DataArray></PointData>'
+                          f'<Coordinates>{axes}</Coordinates></Piece></RectilinearGrid></VTKFile>')
+        subprocess.run([ISONEST, "preprocess", volume, "-o", self.store, "--chunk", "8", "-q", "--force"], check=True)
+        for arguments in (["--normals"], ["--cells", "tet"], ["--distance", "0.5", "--effort", "fast"]):
+            plain, mesh = self.folder / "plain.ply", self.folder / "ranks.ply"
+            self.extracted(0, plain, "--iso", "2.2", *arguments)
+            for count in (2, 3):
+                self.extracted(count, mesh, "--iso", "2.2", *arguments)
+                self.assertEqual(mesh.read_bytes(), plain.read_bytes(), (arguments, count))
+
     def test_all_ranks_write_a_mesh_that_no_stage_changes(self):
         for end in ("ply", "stl", "vtkhdf"):
             plain, mesh = self.folder / f"plain.{end}", self.folder / f"ranks.{end}"
