@@ -7,7 +7,7 @@ import { writeFile } from "node:fs/promises";
 import { join } from "node:path";
 import { after, before, test as anyTest } from "node:test";
 import { idle, lacks, openPage, run, startBrowser, startServer, temporaryFolder } from "../../tools/view/web/drive.mjs";
-import { canvas, commandOf, differing, header, open, setRange, state } from "./pages.mjs";
+import { canvas, commandOf, differing, header, open, setRange, state, withPage } from "./pages.mjs";
 import { serveFiles } from "./static_server.mjs";
 
 const [, , program] = process.argv;
@@ -51,17 +51,7 @@ after(async () => {
   setTimeout(() => process.exit(process.exitCode ?? 1), 10_000).unref();
 });
 
-async function onPage(url, use) {
-  const { page, faults, close } = await openPage(browser, url);
-  try {
-    await page.waitForFunction(() => window.isonest);
-    await idle(page);
-    await use(page);
-    assert.deepEqual(faults, []);
-  } finally {
-    await close();
-  }
-}
+const onPage = (url, use) => withPage(browser, url, use);
 const rows = (page) => page.$$eval("#labels li", (items) => items.map((item) => [item.querySelector(".label-name").textContent, item.querySelector(".label-size").textContent, item.querySelector("input").checked]));
 const layers = (page) => page.evaluate(() => window.isonest.layers());
 /** Triangles of a label's smooth mesh. */

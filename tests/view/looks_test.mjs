@@ -6,8 +6,8 @@ import assert from "node:assert/strict";
 import { writeFile } from "node:fs/promises";
 import { join } from "node:path";
 import { after, before, test as anyTest } from "node:test";
-import { idle, lacks, openPage, readPng, run, startBrowser, startServer, temporaryFolder } from "../../tools/view/web/drive.mjs";
-import { canvas, commandOf, differing, header, open, setRange, state } from "./pages.mjs";
+import { idle, lacks, readPng, run, startBrowser, startServer, temporaryFolder } from "../../tools/view/web/drive.mjs";
+import { canvas, commandOf, differing, header, open, setRange, state, withPage } from "./pages.mjs";
 
 const [, , program] = process.argv;
 const reason = lacks() ?? (/^ +view /m.test(await run(program, "--help")) ? null : "the program was built without isonest view");
@@ -47,17 +47,7 @@ after(async () => {
   setTimeout(() => process.exit(process.exitCode ?? 1), 10_000).unref();
 });
 
-async function onPage(url, use) {
-  const { page, faults, close } = await openPage(browser, url);
-  try {
-    await page.waitForFunction(() => window.isonest);
-    await idle(page);
-    await use(page);
-    assert.deepEqual(faults, []);
-  } finally {
-    await close();
-  }
-}
+const onPage = (url, use) => withPage(browser, url, use);
 
 /** Air around a body of water-like tissue with a denser bone inside, and a few values of metal: as in a CT. */
 function ct(x, y, z) {

@@ -1,6 +1,19 @@
 // What tests do with a page of the viewer.
 import assert from "node:assert/strict";
-import { readPng } from "../../tools/view/web/drive.mjs";
+import { idle, openPage, readPng } from "../../tools/view/web/drive.mjs";
+
+/** Calls `use` with the page once it is at rest; nothing may have failed on it by the end. */
+export async function withPage(browser, url, use) {
+  const { page, faults, close } = await openPage(browser, url);
+  try {
+    await page.waitForFunction(() => window.isonest);
+    await idle(page);
+    await use(page);
+    assert.deepEqual(faults, []);
+  } finally {
+    await close();
+  }
+}
 
 export const state = (page) => page.evaluate(() => window.isonest.state());
 export const header = (page, slice) => page.evaluate((name) => window.isonest.header(name), slice);
