@@ -146,7 +146,7 @@ VolumeFormat tiff_format();
 
 // VTK images: legacy files (.vtk) and XML (.vti).
 
-/// STRUCTURED_POINTS, binary (big endian) or text.
+/// STRUCTURED_POINTS or RECTILINEAR_GRID, binary (big endian) or text.
 /// Source: https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html
 VolumeFormat vtk_format();
 

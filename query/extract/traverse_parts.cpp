@@ -138,32 +138,16 @@ class StoreNodeReader {
     double indicator(const Int3& x, Field field) {
         for (Slot& slot : slots_) {
             if (slot.sampler && slot.field == field) {
-                return slot.indicator(x);
+                return slot.sampler->grid_indicator(x, field);
             }
         }
-        return take(field).indicator(x);
+        return take(field).sampler->grid_indicator(x, field);
     }
 
   private:
-    /// A field, with its last numbers: both tests may read one, and several elements share a node.
     struct Slot {
-        struct Known {
-            std::uint64_t node = 0;  ///< the origin refines no element
-            double number = 0;
-        };
-        static constexpr unsigned kBits = 7;
         Field field = Field::values;
         std::optional<NodeSampler> sampler;
-        std::array<Known, std::size_t{1} << kBits> known{};
-
-        double indicator(const Int3& x) {
-            const auto node = static_cast<std::uint64_t>((x.z << 42U) | (x.y << 21U) | x.x);
-            Known& place = known[node * 0x9E3779B97F4A7C15U >> (64 - kBits)];
-            if (place.node != node) {
-                place = {node, sampler->grid_indicator(x, field)};
-            }
-            return place.number;
-        }
     };
 
     Slot& take(Field field) {
@@ -173,7 +157,6 @@ class StoreNodeReader {
         next_ = (next_ + 1) % slots_.size();
         slot.field = field;
         slot.sampler.emplace(cache_);
-        slot.known = {};
         return slot;
     }
 

@@ -21,7 +21,7 @@ namespace {
 
 constexpr std::uint64_t kBytesPerNode = 2 * sizeof(double) + sizeof(float);
 
-/// The cubes that start inside the volume.
+/// The cubes that start inside the volume. A coarse one may contain some that do not.
 struct CubesOfVolume {
     Int3 last;  ///< node
     template <class T>
@@ -30,7 +30,7 @@ struct CubesOfVolume {
         const bool outside = t.is_whole() && ((begin.x >= last.x && last.x > 0) ||
                                               (begin.y >= last.y && last.y > 0) ||
                                               (begin.z >= last.z && last.z > 0));
-        return outside ? Overlap::outside : Overlap::inside;
+        return outside ? Overlap::outside : Overlap::crossing;
     }
 };
 

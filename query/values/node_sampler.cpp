@@ -35,13 +35,6 @@ bool NodeSampler::is_home(const ArrayInfo& array, const Int3& chunk) const {
     return array.field == Field::values && home_level_ == array.level && chunk == home_chunk_;
 }
 
-void NodeSampler::look_at(Recent& recent, int level, Field field) {
-    if (recent.array == nullptr || recent.array->field != field) {
-        recent = {};
-        recent.array = &layout_->array(level, field);
-    }
-}
-
 const std::byte* NodeSampler::element(Recent& recent, const Int3& node, int component) {
     const ArrayInfo& array = *recent.array;
     Int3 p = node - recent.first;
@@ -107,30 +100,71 @@ Double3 NodeSampler::gradient(const Int3& p, int level) {
     return steps_.gradient(g);
 }
 
-/// The offset of a node from the ends of its refinement edge (describe_node()). `odd`: 1 along the
-/// axes of the edge.
-double NodeSampler::offset_at_level_1(const Int3& x, const Int3& odd) {
-    const auto along = [](std::int64_t p, std::int64_t is_odd) {
-        return is_odd == 0 ? 0 : (p & 3) == 1 ? 1 : -1;
-    };
-    const Int3 half{along(x.x, odd.x), along(x.y, odd.y), along(x.z, odd.z)};
-    return finest_offset(value(x, 0), value(x - half, 0), value(x + half, 0), outward_);
-}
+namespace {
 
-double NodeSampler::at_level_1(const Int3& x, bool plus) {
-    const auto odd_of = [](const Int3& p) { return Int3{p.x & 1, p.y & 1, p.z & 1}; };
-    const Int3 odd = odd_of(x);
-    const double eta = offset_at_level_1(x, odd);
-    if (odd.x + odd.y + odd.z == 1) {
+/// The indicator at a node of level 1 from the values of the finest level, read(node). `x` has odd
+/// coordinates; `plus`, `outward`, `flat`: as for finest_offset() and child_offsets().
+template <class Read>
+double number_at_level_1(const Int3& x, bool plus, bool outward, unsigned flat, const Read& read) {
+    // The offset of a node from the ends of its refinement edge (describe_node()).
+    const auto offset_of = [&](const Int3& p) {
+        const auto along = [](std::int64_t at) {
+            return (at & 1) == 0 ? 0 : (at & 3) == 1 ? 1 : -1;
+        };
+        const Int3 half{along(p.x), along(p.y), along(p.z)};
+        return finest_offset(read(p), read(p - half), read(p + half), outward);
+    };
+    const double eta = offset_of(x);
+    const auto odd = static_cast<unsigned>((x.x & 1) | (x.y & 1) << 1 | (x.z & 1) << 2);
+    if (std::popcount(odd) == 1) {
         return eta;
     }
     double largest = 0;
-    const auto axes = static_cast<unsigned>(odd.x + 2 * odd.y + 4 * odd.z);
-    for (const Int3& offset : child_offsets(axes, layout_->lattice().flat_axes())) {
-        const Int3 child = x + offset;
-        largest = std::max(largest, offset_at_level_1(child, odd_of(child)));
+    for (const Int3& offset : child_offsets(odd, flat)) {
+        largest = std::max(largest, offset_of(x + offset));
     }
     return plus ? eta + largest : std::max(eta, largest);
+}
+
+}  // namespace
+
+double NodeSampler::at_level_1(const Int3& x, bool plus) {
+    if (computed_.empty()) {
+        computed_.resize(kComputed);
+    }
+    static_assert(3 * (kLevels - 1) < 64);
+    const auto bits = [](std::int64_t p, unsigned shift) {
+        return static_cast<std::uint64_t>(p) << shift;
+    };
+    // A node that refines an element has an odd coordinate, so no key is 0.
+    const std::uint64_t key =
+        bits(x.x, 0) | bits(x.y, 21) | bits(x.z, 42) | (plus ? std::uint64_t{1} << 63U : 0);
+    // The nodes of a cube of 16^3 have different places.
+    Computed& entry =
+        computed_[static_cast<std::size_t>((x.x & 15) | (x.y & 15) << 4 | (x.z & 15) << 8)];
+    if (entry.key != key) {
+        entry = {key, computed_at_level_1(x, plus)};
+    }
+    return entry.number;
+}
+
+double NodeSampler::computed_at_level_1(const Int3& x, bool plus) {
+    const unsigned flat = layout_->lattice().flat_axes();
+    const Recent& recent = values_[0];
+    const std::byte* first = recent.find(x - Int3{1, 1, 1});
+    if (first == nullptr || recent.find(x + Int3{1, 1, 1}) == nullptr) {
+        return number_at_level_1(x, plus, outward_, flat,
+                                 [this](const Int3& p) { return value(p, 0); });
+    }
+    // All these nodes are in the chunk.
+    const std::byte* middle = first + (recent.bytes.x + recent.bytes.y + recent.bytes.z);
+    return dispatch(type_, [&](auto tag) {
+        return number_at_level_1(x, plus, outward_, flat, [&](const Int3& p) {
+            const Int3 d = p - x;
+            return static_cast<double>(*reinterpret_cast<const typename decltype(tag)::type*>(
+                middle + (d.x * recent.bytes.x + d.y * recent.bytes.y + d.z * recent.bytes.z)));
+        });
+    });
 }
 
 double NodeSampler::stored(Recent& recent, const Int3& owner, int slot) {

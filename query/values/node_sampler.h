@@ -2,7 +2,10 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
+#include <cstdint>
 #include <optional>
+#include <vector>
 
 #include <isonest/value_type.h>
 
@@ -79,11 +82,16 @@ class NodeSampler {
         }
         Int3 bytes{};  ///< from a node to the next along each axis
     };
-    void look_at(Recent& recent, int level, Field field);
+    void look_at(Recent& recent, int level, Field field) {
+        if (recent.array == nullptr || recent.array->field != field) {
+            recent = {};
+            recent.array = &layout_->array(level, field);
+        }
+    }
     const std::byte* element(Recent& recent, const Int3& node, int component);
     double stored(Recent& recent, const Int3& owner, int slot);
-    double offset_at_level_1(const Int3& x, const Int3& odd);
     double at_level_1(const Int3& x, bool plus);
+    double computed_at_level_1(const Int3& x, bool plus);
     [[nodiscard]] bool is_home(const ArrayInfo& array, const Int3& chunk) const;
 
     ChunkCache* cache_;
@@ -97,6 +105,14 @@ class NodeSampler {
     std::optional<int> home_level_;
     Int3 home_chunk_;
     Recent home_;
+    /// Level-1 numbers that were computed last: the elements around a node ask for the same one.
+    /// Allocated when first used.
+    struct Computed {
+        std::uint64_t key = 0;  ///< of the node and the saturation; 0: nothing
+        double number = 0;
+    };
+    static constexpr std::size_t kComputed = 4096;
+    std::vector<Computed> computed_;
 };
 
 // An indicator's values at nodes in a box of the finest lattice.

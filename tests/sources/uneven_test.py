@@ -420,21 +420,48 @@ class Uneven(Input):
                 writer.Write()
                 points, triangles, _ = self.extracted(of=self.here / "v.vtr")
                 np.testing.assert_allclose(sorted_points(points), sorted_points(expected), atol=2e-3)
-        # Values of cells lie at their centres.
-        grid = rectilinear(field())
-        cells = numpy_support.numpy_to_vtk(field()[1:, 1:, 1:].ravel(), deep=1)
-        cells.SetName("c")
-        grid.GetCellData().AddArray(cells)
-        writer = vtk.vtkXMLRectilinearGridWriter()
-        writer.SetInputData(grid)
-        writer.SetFileName(str(self.here / "v.vtr"))
-        writer.Write()
-        self.path = self.here / "v.vtr"
-        self.stored("--dataset", "c")
-        with h5py.File(self.store) as store:
-            np.testing.assert_allclose(store.attrs["origin"], [(at[0] + at[1]) / 2 for at in (X, Y, Z)])
-            middle = (Z[1:] + Z[:-1]) / 2
-            np.testing.assert_allclose(store.attrs["offsets_z"], middle - middle[0])
+        for name, make in {"v.vtr": vtk.vtkXMLRectilinearGridWriter, "v.vtk": vtk.vtkRectilinearGridWriter}.items():
+            with self.subTest("values of cells lie at their centres", file=name):
+                grid = rectilinear(field())
+                cells = numpy_support.numpy_to_vtk(field()[1:, 1:, 1:].ravel(), deep=1)
+                cells.SetName("c")
+                grid.GetCellData().AddArray(cells)
+                writer = make()
+                writer.SetInputData(grid)
+                writer.SetFileName(str(self.here / name))
+                writer.Write()
+                self.path = self.here / name
+                self.stored("--dataset", "c")
+                with h5py.File(self.store) as store:
+                    np.testing.assert_allclose(store.attrs["origin"], [(at[0] + at[1]) / 2 for at in (X, Y, Z)], rtol=1e-6)
+                    middle = (Z[1:] + Z[:-1]) / 2
+                    np.testing.assert_allclose(store.attrs["offsets_z"], middle - middle[0], rtol=1e-6)
+
+    def test_a_legacy_rectilinear_grid_of_vtk(self):
+        expected, _, _ = contour(rectilinear(field()))
+        legacy = self.here / "v.vtk"
+        for text in (True, False):
+            writer = vtk.vtkRectilinearGridWriter()
+            writer.SetInputData(rectilinear(field()))
+            writer.SetFileName(str(legacy))
+            writer.SetFileTypeToASCII() if text else writer.SetFileTypeToBinary()
+            writer.Write()
+            points, _, _ = self.extracted(of=legacy)
+            np.testing.assert_allclose(sorted_points(points), sorted_points(expected), atol=2e-3)
+        sound = legacy.read_bytes()
+        start = sound.index(b"Z_COORDINATES")
+        line = sound[start : sound.index(b"\n", start)]
+        for damaged, word in {
+            sound.replace(line, line.replace(str(len(Z)).encode(), str(len(Z) + 1).encode())): "DIMENSIONS",
+            sound.replace(line, line.replace(str(len(Z)).encode(), b"9")): "DIMENSIONS",
+            sound.replace(b"Z_COORDINATES", b"Y_COORDINATES"): "DIMENSIONS",
+            sound.replace(line, line.replace(b" double", b" string").replace(b" float", b" string")): "Z_COORDINATES",
+        }.items():
+            legacy.write_bytes(damaged)
+            done = self.run_isonest("extract", "--iso", "0.4", "-o", self.here / "x.ply", of=legacy)
+            self.assertIn(done.returncode, (2, 4), done.stderr)
+            self.assertIn(word, done.stderr)
+            self.assertFalse((self.here / "x.ply").exists())
 
     def test_damaged_axes_are_refused(self):
         self.stored()

@@ -122,6 +122,9 @@ int measure(int argc, char** argv) {
     };
     const auto interest = [iso](const Element<3>& t, const Indicators& eta) {
         const auto [low, high] = t.range();
+        if (low <= iso && iso <= high) {
+            return true;
+        }
         const double beta = eta(Field::deviation_bar);
         return !(low - beta > iso) && !(high + beta < iso);
     };

@@ -17,7 +17,9 @@
 #include "preprocess/sources/bytes/header_words.h"
 #include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/placement/placed_array.h"
+#include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/volume_format.h"
+#include "preprocess/sources/wrapping/label_names.h"
 #include "store/base/escaped_text.h"
 
 namespace isonest::detail {
@@ -198,9 +200,11 @@ class Parser {
     void read(const Words& words) {
         const std::string keyword = lower(words[0]);
         if (keyword == "dataset") {
-            if (words.size() < 2 || lower(words[1]) != "structured_points") {
+            const std::string kind = words.size() < 2 ? "" : lower(words[1]);
+            header_.rectilinear = kind == "rectilinear_grid";
+            if (kind != "structured_points" && !header_.rectilinear) {
                 throw Error(ErrorKind::unsupported, {name_},
-                            "the data set is not an image; only STRUCTURED_POINTS is supported");
+                            "the data set is neither STRUCTURED_POINTS nor RECTILINEAR_GRID");
             }
             image_ = true;
         } else if (keyword == "dimensions") {
@@ -209,6 +213,9 @@ class Parser {
             header_.spacing = three(words);
         } else if (keyword == "origin") {
             header_.origin = three(words);
+        } else if (header_.rectilinear && keyword.size() > 2 &&
+                   keyword.substr(1) == "_coordinates" && keyword[0] >= 'x' && keyword[0] <= 'z') {
+            read_coordinates(static_cast<std::size_t>(keyword[0] - 'x'), words);
         } else if (keyword == "point_data" || keyword == "cell_data") {
             of_cells_ = keyword == "cell_data";
             values_ = whole(words, 1);
@@ -222,6 +229,16 @@ class Parser {
         } else if (words.size() > 2) {
             read_attribute(keyword, words);
         }
+    }
+    void read_coordinates(std::size_t axis, const Words& words) {
+        const std::int64_t count = whole(words, 1);
+        if (words.size() < 3 || count != header_.dimensions.at(axis)) {
+            corrupt(fmt::format("{:.40}: {} numbers, but DIMENSIONS has {} points along {}",
+                                words[0], count, header_.dimensions.at(axis), "xyz"[axis]));
+        }
+        LegacyArray& array = header_.coordinates.at(axis);
+        array = {std::string(1, "xyz"[axis]), lower(words[2]), 1, count, text_.at(), false, false};
+        skip(array);
     }
     void read_field_array() {
         Words of = text_.words();
@@ -299,6 +316,9 @@ class Parser {
                 return;
             }
         }
+        skip(array);
+    }
+    void skip(const LegacyArray& array) {
         const auto numbers =
             static_cast<std::uint64_t>(array.components) * static_cast<std::uint64_t>(array.tuples);
         if (array.tuples != 0 && array.components > kMaxNumber / array.tuples) {
@@ -367,6 +387,62 @@ bool is_vtk(const VolumeInput& input) {
     return input.head.starts_with("# vtk DataFile Version");
 }
 
+/// The coordinates of a rectilinear grid's points along an axis.
+std::vector<double> coordinates_along(const VolumeInput& input, const LegacyHeader& header,
+                                      std::size_t axis) {
+    const LegacyArray& array = header.coordinates.at(axis);
+    const ErrorPlace place{input.name(), fmt::format("{}_COORDINATES", "XYZ"[axis])};
+    if (array.tuples == 0) {
+        throw Error(ErrorKind::corrupt, place, "they are missing");
+    }
+    const LegacyType* const type = legacy_type(array.type);
+    if (type == nullptr || type->stored) {
+        throw Error(ErrorKind::unsupported, place,
+                    fmt::format("coordinates of the type '{:.40}' are not supported", array.type));
+    }
+    const auto count = static_cast<std::size_t>(array.tuples);
+    // A number in text has at least a digit and a blank.
+    const std::uint64_t least = count * (header.text ? 2 : type->bytes()) - (header.text ? 1 : 0);
+    const std::uint64_t size = regular_file_size(input.file);
+    if (array.at > size || least > size - array.at) {
+        throw Error(ErrorKind::corrupt, place, "the file ends before their end");
+    }
+    return dispatch(type->type, [&](auto tag) {
+        using T = typename decltype(tag)::type;
+        std::string bytes(count * sizeof(T), '\0');
+        if (header.text) {
+            text_numbers(input.file, array.at, type->type, count)
+                ->read(0, reinterpret_cast<std::byte*>(bytes.data()), bytes.size());
+        } else {
+            bytes = first_bytes(input.file, bytes.size(), array.at);
+        }
+        std::vector<double> numbers;
+        for (std::size_t i = 0; i < count; ++i) {
+            numbers.push_back(
+                static_cast<double>(number_at<T>(bytes, i * sizeof(T), !header.text)));
+        }
+        return numbers;
+    });
+}
+
+/// REQUIRES: the array has its place.
+std::unique_ptr<VolumeSource> open_numbers(PlacedArray& array, const LegacyHeader& header,
+                                           const SourceOptions& options) {
+    const LegacyArray& found = header.array;
+    if (header.text) {
+        const std::uint64_t count = place_in_array(array.axes, options.index, array.name).whole;
+        return open_placed(
+            array, options.index,
+            array.stored
+                ? text_integers(array.file, found.at, *array.stored == StoredNumber::i64, count)
+                : text_numbers(array.file, found.at, array.layout.type, count));
+    }
+    array.layout.big_endian = true;
+    array.layout.packing = Packing::plain;
+    array.layout.offset = found.at;
+    return open_placed(array, options.index);
+}
+
 std::unique_ptr<VolumeSource> open_vtk(const VolumeInput& input, const SourceOptions& options) {
     const LegacyHeader header = read_legacy_header(input.file, options.dataset);
     const LegacyArray& found = header.array;
@@ -406,24 +482,20 @@ std::unique_ptr<VolumeSource> open_vtk(const VolumeInput& input, const SourceOpt
     }
     array.own_spacing = options.spacing.has_value();
     array.layout.exact_length = false;
-    if (header.text) {
-        const std::uint64_t count = place_in_array(array.axes, options.index, array.name).whole;
-        return open_placed(
-            array, options.index,
-            array.stored
-                ? text_integers(array.file, found.at, *array.stored == StoredNumber::i64, count)
-                : text_numbers(array.file, found.at, array.layout.type, count));
+    if (!header.rectilinear) {
+        return open_numbers(array, header, options);
     }
-    array.layout.big_endian = true;
-    array.layout.packing = Packing::plain;
-    array.layout.offset = found.at;
-    return open_placed(array, options.index);
+    CoordinatePlace by = place_rectilinear(
+        array, header.dimensions, found.of_cells, options,
+        [&](std::size_t along) { return coordinates_along(input, header, along); });
+    return with_notes(with_uneven_axes(open_numbers(array, header, options), std::move(by.uneven)),
+                      std::move(by.notes));
 }
 
 }  // namespace
 
 VolumeFormat vtk_format() {
-    return {.about = {"VTK legacy image", ".vtk", ""},
+    return {.about = {"VTK legacy image or rectilinear grid", ".vtk", ""},
             .takes = {.dataset = true, .index = true},
             .reads_urls = true,
             .recognises = is_vtk,

@@ -42,7 +42,7 @@ class LegacyText {
     std::uint64_t at_ = 0;
 };
 
-// The header of legacy VTK images, and where the arrays are.
+// The header of legacy VTK images and rectilinear grids, and where the arrays are.
 
 /// A type by its name in lower case, as stored in binary files; indices (vtkIdType) are stored as
 /// int.
@@ -67,9 +67,11 @@ struct LegacyArray {
 
 struct LegacyHeader {
     bool text = false;
+    bool rectilinear = false;  ///< has coordinates in place of spacing and origin
     std::array<std::int64_t, 3> dimensions{1, 1, 1};
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
+    std::array<LegacyArray, 3> coordinates;  ///< of points, along x, y and z, if rectilinear
     LegacyArray array;
 };
 

@@ -359,8 +359,8 @@ std::vector<double> all_numbers(const PlacedArray& array, const VtiHeader& heade
 }
 
 /// Places the nodes of a rectilinear grid by their coordinates. REQUIRES: set_place() was called.
-CoordinatePlace place_rectilinear(const VtiHeader& header, const VtiArray& given,
-                                  const SourceOptions& options, PlacedArray& array) {
+CoordinatePlace place_by_arrays(const VtiHeader& header, const VtiArray& given,
+                                const SourceOptions& options, PlacedArray& array) {
     const VtiPiece& piece = header.pieces.front();
     if (header.pieces.size() > 1 || piece.extent != header.extent) {
         throw Error(ErrorKind::unsupported, {array.name},
@@ -371,44 +371,20 @@ CoordinatePlace place_rectilinear(const VtiHeader& header, const VtiArray& given
                     fmt::format("a rectilinear grid has three arrays of coordinates, not {}",
                                 piece.coordinates.size()));
     }
-    const ChosenAxes chosen = choose_axes(array.axes, options.index, array.name);
-    std::array<std::optional<AxisCoordinates>, 3> said;
+    std::array<std::int64_t, 3> points{};
     for (std::size_t a = 0; a < 3; ++a) {
-        const std::optional<std::size_t> axis = chosen.axis.at(a);
-        if (!axis || *axis > 2) {
-            continue;
-        }
-        const std::size_t along = 2 - *axis;  // the axes are z, y, x
+        points.at(a) = header.extent.at(2 * a + 1) - header.extent.at(2 * a) + 1;
+    }
+    const auto read = [&](std::size_t along) {
         const VtiArray& coordinates = piece.coordinates.at(along);
-        const std::int64_t nodes =
-            header.extent.at(2 * along + 1) - header.extent.at(2 * along) + 1;
-        constexpr std::int64_t kMax = std::int64_t{1} << 24U;
-        if (nodes > kMax) {
-            continue;  // too many for a volume
-        }
         PlacedArray of;
         of.file = array.file;
         of.name = fmt::format("{}:{}", array.name, coordinates.name);
         set_type(coordinates, of);
-        std::vector<double> numbers = all_numbers(
-            of, header, coordinates, static_cast<std::uint64_t>(nodes), options.max_heap / 4);
-        if (given.of_cells && nodes > 1) {
-            for (std::size_t i = 0; i + 1 < numbers.size(); ++i) {
-                numbers[i] = (numbers[i] + numbers[i + 1]) / 2;
-            }
-            numbers.pop_back();
-        }
-        said.at(a) = {std::string(1, "xyz"[along]), std::move(numbers), ""};
-    }
-    CoordinatePlace by = place_by_coordinates(said, chosen.nodes, options, array.name);
-    array.first = by.first;
-    for (std::size_t a = 0; a < 3; ++a) {
-        if (said.at(a)) {
-            array.steps[*chosen.axis.at(a)] = {};
-            array.steps[*chosen.axis.at(a)].at(a) = by.step.at(a);
-        }
-    }
-    return by;
+        return all_numbers(of, header, coordinates, static_cast<std::uint64_t>(points.at(along)),
+                           options.max_heap / 4);
+    };
+    return place_rectilinear(array, points, given.of_cells, options, read);
 }
 
 /// REQUIRES: the array has its type and place.
@@ -459,7 +435,7 @@ std::unique_ptr<VolumeSource> open_vti(const VolumeInput& input, const SourceOpt
     if (!header.rectilinear) {
         return open_array(array, header, given, options);
     }
-    CoordinatePlace by = place_rectilinear(header, given, options, array);
+    CoordinatePlace by = place_by_arrays(header, given, options, array);
     return with_notes(
         with_uneven_axes(open_array(array, header, given, options), std::move(by.uneven)),
         std::move(by.notes));

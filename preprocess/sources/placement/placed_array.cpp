@@ -137,4 +137,37 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
     return lost.empty() ? std::move(source) : with_notes(std::move(source), {lost});
 }
 
+CoordinatePlace place_rectilinear(
+    PlacedArray& array, const std::array<std::int64_t, 3>& points, bool of_cells,
+    const SourceOptions& options,
+    const std::function<std::vector<double>(std::size_t along)>& read) {
+    constexpr std::int64_t kMax = std::int64_t{1} << 24U;
+    const ChosenAxes chosen = choose_axes(array.axes, options.index, array.name);
+    std::array<std::optional<AxisCoordinates>, 3> said;
+    for (std::size_t a = 0; a < 3; ++a) {
+        const std::optional<std::size_t> axis = chosen.axis.at(a);
+        if (!axis || *axis > 2 || points.at(2 - *axis) > kMax) {
+            continue;
+        }
+        const std::size_t along = 2 - *axis;
+        std::vector<double> numbers = read(along);
+        if (of_cells && numbers.size() > 1) {
+            for (std::size_t i = 0; i + 1 < numbers.size(); ++i) {
+                numbers[i] = (numbers[i] + numbers[i + 1]) / 2;
+            }
+            numbers.pop_back();
+        }
+        said.at(a) = {std::string(1, "xyz"[along]), std::move(numbers), ""};
+    }
+    CoordinatePlace by = place_by_coordinates(said, chosen.nodes, options, array.name);
+    array.first = by.first;
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (said.at(a)) {
+            array.steps[*chosen.axis.at(a)] = {};
+            array.steps[*chosen.axis.at(a)].at(a) = by.step.at(a);
+        }
+    }
+    return by;
+}
+
 }  // namespace isonest::detail

@@ -3,6 +3,8 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -16,6 +18,7 @@
 #include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/numbers/raw_rows.h"
 #include "preprocess/sources/placement/axis_choice.h"
+#include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/wrapping/scaled_source.h"
 
 namespace isonest::detail {
@@ -53,5 +56,15 @@ struct PlacedArray {
 std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
                                           std::span<const AxisIndex> index,
                                           std::unique_ptr<ByteReader> bytes = nullptr);
+
+/// Sets `steps` and `first` of the array of a rectilinear grid, whose first three axes are z, y and
+/// x, from the coordinates of the grid's points. `points`: their numbers along x, y and z. `read`:
+/// gives the coordinates along one of these; called only for axes of the volume that are not too
+/// long for one. `of_cells`: the values lie between the points. Throws like
+/// place_by_coordinates() and choose_axes().
+CoordinatePlace place_rectilinear(
+    PlacedArray& array, const std::array<std::int64_t, 3>& points, bool of_cells,
+    const SourceOptions& options,
+    const std::function<std::vector<double>(std::size_t along)>& read);
 
 }  // namespace isonest::detail

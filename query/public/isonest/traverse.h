@@ -48,7 +48,8 @@ concept NodeNumbers = requires(Numbers& numbers, const Int3& p, int level, Field
     { numbers.indicator(p, field) } -> std::same_as<double>;
 };
 
-/// Selects the elements that exist for the traversal; those outside are not visited.
+/// Selects the elements that exist for the traversal; those outside are not visited. The children
+/// of an element that is inside are inside too, and are not asked for.
 template <class Region, class T>
 concept RegionOf = requires(const Region& region, const T& t) {
     { region.overlap(t) } -> std::same_as<Overlap>;
@@ -111,21 +112,24 @@ class AdaptTraverse {
         return coarsest_of(lattice, numbers_, std::type_identity<T>());
     }
     /// AdaptTraverse(t).
-    void subtree(const T& t, SimplexAction<T> auto& action) { visit(t, action, nullptr); }
+    void subtree(const T& t, SimplexAction<T> auto& action) {
+        visit(t, Overlap::crossing, action, nullptr);
+    }
     /// The same, but only down to whole elements of `level`; those are added to `left`, unvisited.
     void above(const T& t, int level, SimplexAction<T> auto& action, std::vector<T>& left) {
         level_of_left_ = level;
-        visit(t, action, &left);
+        visit(t, Overlap::crossing, action, &left);
     }
     [[nodiscard]] const VisitCounts& counts() const { return counts_; }
 
   private:
-    void visit(const T& t, SimplexAction<T> auto& action, std::vector<T>* left) {
+    /// `parent`: the position of an element that contains this one.
+    void visit(const T& t, Overlap parent, SimplexAction<T> auto& action, std::vector<T>* left) {
         if (left != nullptr && t.level == level_of_left_ && t.is_whole()) {
             left->push_back(t);
             return;
         }
-        const Overlap where = region_.overlap(t);
+        const Overlap where = parent == Overlap::inside ? parent : region_.overlap(t);
         if (where == Overlap::outside) {
             counts_.finished += t.size();
             return;
@@ -152,7 +156,7 @@ class AdaptTraverse {
             action(t, eta, where);
             return;
         }
-        t.for_each_child(numbers_, [&](const T& child) { visit(child, action, left); });
+        t.for_each_child(numbers_, [&](const T& child) { visit(child, where, action, left); });
     }
 
     Numbers& numbers_;
@@ -199,24 +203,30 @@ struct LatticeRegion {
 
 }  // namespace detail
 
-/// The indicators at an element's refinement node, as passed to tests and actions.
+/// The indicators at an element's refinement node, as passed to tests and actions. Valid during the
+/// call.
 class Indicators {
   public:
     template <int D>
     Indicators(detail::StoreNodes& nodes, const Element<D>& t)
-        : nodes_(nodes), finest_(t.level == 0), node_(finest_ ? Int3() : t.ref_node()) {}
+        : nodes_(nodes), finest_(t.level == 0), begin_(t.v[0]), end_(t.v[t.ref_end()]) {}
 
     /// The field at the refinement node, read from the store; 0 for elements of the finest grid,
     /// which have none. Throws Error{not_found} if the store lacks the field,
     /// Error{invalid_argument} for `values` and for fields of cells.
     [[nodiscard]] double operator()(Field field) const {
-        return finest_ ? 0 : nodes_.indicator(node_, field);
+        if (finest_) {
+            return 0;
+        }
+        const Int3 twice = begin_ + end_;
+        return nodes_.indicator({twice.x / 2, twice.y / 2, twice.z / 2}, field);
     }
 
   private:
     detail::StoreNodes& nodes_;
     bool finest_;
-    Int3 node_;
+    const Int3& begin_;  ///< the ends of the refinement edge
+    const Int3& end_;
 };
 
 /// Where a store's nodes lie in the world, whatever its axes: rotated, sheared, flat.
@@ -291,6 +301,9 @@ struct MayHoldIsovalue {
     template <int D>
     [[nodiscard]] bool operator()(const Element<D>& t, const Indicators& eta) const {
         const auto [low, high] = t.range();
+        if (low <= iso && iso <= high) {
+            return true;  // whatever the bound
+        }
         const double scale =
             by_edge > 0 ? by_edge * static_cast<double>(std::int64_t{1} << t.level) : 1;
         return detail::may_reach(low, high, t.level > 0 ? eta(bound) * scale : 0, iso);

@@ -90,8 +90,13 @@ struct Element {
     }
     /// The smallest and the largest value; any of them if values are missing.
     [[nodiscard]] std::pair<double, double> range() const {
-        const auto [low, high] = std::minmax_element(value.begin(), value.end());
-        return {*low, *high};
+        double low = value[0];
+        double high = value[0];
+        for (std::size_t i = 1; i < kVertices; ++i) {
+            low = value[i] < low ? value[i] : low;
+            high = value[i] > high ? value[i] : high;
+        }
+        return {low, high};
     }
     /// Whether no value is missing.
     [[nodiscard]] bool is_complete() const {

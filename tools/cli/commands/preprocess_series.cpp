@@ -381,7 +381,8 @@ std::string first_line(const std::string& text) {
 }
 
 void require_series_options(const PreprocessArguments& a) {
-    if (a.preprocess.force) {
+    std::error_code ignored;
+    if (a.preprocess.force && std::filesystem::exists(a.store, ignored)) {
         throw Error(ErrorKind::invalid_argument, {a.store},
                     "--force cannot replace a series; add steps to it with --append, or choose "
                     "another name for a new series");
