@@ -368,7 +368,7 @@ class Curvilinear(Input):
     def test_mesh_formats(self):
         self.stored()
         points, _, found = self.extracted()
-        for name in ("m.ply", "m.stl", "m.obj", "m.vtk"):
+        for name in ("m.ply", "m.stl", "m.obj", "m.vtkhdf", "m.glb", "m.3mf"):
             done = self.run_isonest("extract", "--iso", ISO, "-o", self.here / name)
             self.assertEqual(done.returncode, 0, done.stderr)
         reader = vtk.vtkPLYReader()
@@ -386,7 +386,8 @@ class Curvilinear(Input):
                 self.extracted("--normals", *more)
                 meshes.add((self.here / "m.vtp").read_bytes())
         self.assertEqual(len(stores), 1)
-        self.stored("--chunk", "32")
+        done = self.run_isonest("preprocess", "-o", self.store, "--force", "--chunk", 32, of=self.path)
+        self.assertEqual(done.returncode, 0, done.stderr)
         self.extracted("--normals")
         meshes.add((self.here / "m.vtp").read_bytes())
         self.assertEqual(len(meshes), 1)
@@ -458,19 +459,18 @@ class Curvilinear(Input):
         self.assertIn("cannot store the positions", done.stderr)
         done = self.run_isonest("extract", "--iso", ISO, "-o", self.here / "r.vtp", of=self.path)
         self.assertIn("curvilinear", done.stderr)
-        self.refuses(5, "straight axes", options=("--indicators", "normal"))
+        self.refuses(5, "straight axes", options=("--indicators", "normal_bar"))
 
     def test_broken_files(self):
         self.write(twisted(), field(), compressed=False)
         whole = self.path.read_bytes()
         for old, new, code, words in (
                 (b'NumberOfComponents="3"', b'NumberOfComponents="2"', None, ""),
-                (b"<Points>", b"<Poinds>", 4, "points with three components"),
-                (b'WholeExtent="0 34', b'WholeExtent="0 33', None, ""),
-                (b'type="StructuredGrid"', b'type="StructuredGrad"', 5, "not supported")):
+                (b"Points>", b"Poinds>", 4, "points with three components"),
+                (b'WholeExtent="0 34', b'WholeExtent="0 33', None, "")):
             with self.subTest(new=new):
                 self.assertIn(old, whole)
-                self.path.write_bytes(whole.replace(old, new, 1))
+                self.path.write_bytes(whole.replace(old, new))
                 done = self.preprocess()
                 self.assertIn(done.returncode, (code,) if code else (3, 4, 5), done.stderr)
                 self.assertIn(words, done.stderr)
@@ -478,7 +478,8 @@ class Curvilinear(Input):
         for size in (len(whole) - 20000, len(whole) // 2, 700):
             self.path.write_bytes(whole[:size])
             done = self.preprocess()
-            self.assertIn(done.returncode, (3, 4, 6), done.stderr)
+            self.assertIn(done.returncode, (2, 3, 4), done.stderr)
+            self.assertIn("v.vts", done.stderr)
         positions = twisted()
         positions[3, 4, 5, 1] = np.nan
         self.write(positions, field())
@@ -495,7 +496,7 @@ class Curvilinear(Input):
         whole[offset + 30] ^= 1
         self.store.write_bytes(whole)
         done = self.run_isonest("check")
-        self.assertIn("positions, y, chunk 0 0 0", done.stdout + done.stderr)
+        self.assertIn("positions y, chunk 0 0 0", done.stdout + done.stderr)
         done = self.run_isonest("extract", "--iso", ISO, "-o", self.here / "d.vtp")
         if done.returncode != 0:
             self.assertIn("positions, y, chunk", done.stderr)
