@@ -180,7 +180,7 @@ PreprocessReport preprocess(VolumeSource& volume, const std::filesystem::path& s
         }
         if (header.curved) {
             report.curved = std::make_shared<const CurvedNodes>(
-                write_positions(*source.describe().curved, writer, budget.blocks + budget.rest,
+                write_positions(*source.describe().curved, writer, options.memory - budget.fixed,
                                 budget.tokens, store.parent_path(), progress));
         }
         write_cube_ranges(centres, writer);

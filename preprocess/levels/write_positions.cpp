@@ -8,7 +8,7 @@
 #include <cstddef>
 #include <limits>
 #include <memory>
-#include <optional>
+#include <numeric>
 #include <span>
 #include <vector>
 
@@ -234,22 +234,39 @@ class PositionSum {
     CellSigns negative_;
 };
 
+/// Heap of a chunk under way: its three coordinates with the next nodes, one chunk raw, three
+/// encoded.
+std::uint64_t heap_of_chunk(const StoreLayout& layout) {
+    const ArrayInfo& array = layout.positions()[0];
+    const Int3 with_next = array.chunk + Int3{1, 1, 1};
+    return 3 * static_cast<std::uint64_t>(with_next.product()) * array.codec.element_size +
+           4 * array.chunk_bytes() + codec_heap(array.chunk_bytes(), layout.header().compression);
+}
+
+std::uint64_t heap_of_sources(const NodePositions& positions) {
+    const auto& all = positions.coordinates;
+    return std::accumulate(all.begin(), all.end(), std::uint64_t{0},
+                           [](std::uint64_t sum, const auto& of) { return sum + of->heap(); });
+}
+
+/// The least memory for the windows over the three sources.
+constexpr std::uint64_t kMinWindows = 6U << 20U;
+
 }  // namespace
+
+std::uint64_t position_heap(const NodePositions& positions, const StoreLayout& layout) {
+    return heap_of_sources(positions) + heap_of_chunk(layout) + kMinWindows;
+}
 
 CurvedNodes write_positions(const NodePositions& positions, StoreWriter& writer,
                             std::uint64_t memory, int tokens,
                             const std::filesystem::path& scratch_folder, Progress& progress) {
     const StoreLayout& layout = writer.layout();
     const ArrayInfo& array = layout.positions()[0];
-    // Each chunk under way: all of it in three boxes, one chunk raw, three encoded.
-    const std::uint64_t each =
-        8 * array.chunk_bytes() + codec_heap(array.chunk_bytes(), layout.header().compression);
-    std::uint64_t left = memory;
-    for (const auto& source : positions.coordinates) {
-        left -= std::min(left, source->heap());
-    }
+    const std::uint64_t each = heap_of_chunk(layout);
+    std::uint64_t left = memory - std::min(memory, heap_of_sources(positions));
     const auto most = static_cast<std::uint64_t>(tokens);
-    const std::uint64_t under_way = std::clamp<std::uint64_t>(left / 2 / each, 1, most);
+    const std::uint64_t under_way = std::clamp<std::uint64_t>(left * 3 / 5 / each, 1, most);
     left -= std::min(left, under_way * each);
     std::vector<PlaneWindow> windows;
     windows.reserve(3);

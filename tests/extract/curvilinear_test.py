@@ -22,6 +22,7 @@ try:
     import numpy as np
     import vtk
     from vtk.util import numpy_support
+    from range_server import RangeServer
     from volume_inputs import ISONEST, Input
 except ImportError as error:
     print(f"skipped: {error}")
@@ -500,6 +501,52 @@ class Curvilinear(Input):
         done = self.run_isonest("extract", "--iso", ISO, "-o", self.here / "d.vtp")
         if done.returncode != 0:
             self.assertIn("positions, y, chunk", done.stderr)
+
+    def test_from_a_url(self):
+        self.stored()
+        for options in ((), ("--normals", "--cells", "tet"), ("--close", "--distance", "0.1")):
+            self.extracted(*options)
+            local = (self.here / "m.vtp").read_bytes()
+            with RangeServer(self.here) as server:
+                done = self.run_isonest("extract", "--iso", ISO, *options, "-o", self.here / "r.vtp",
+                                        of=server.url("s.isonest"))
+                if "built without" in done.stderr or "libcurl" in done.stderr:
+                    self.skipTest("no URLs in this build")
+                self.assertEqual(done.returncode, 0, done.stderr)
+                self.assertEqual((self.here / "r.vtp").read_bytes(), local)
+
+    def test_series_and_several_isovalues(self):
+        for step in range(2):
+            self.path = self.here / f"v_{step}.vts"
+            self.write(twisted() * (1 + step), field())
+        series = self.here / "run.isonest"
+        done = served.run([ISONEST, "preprocess", str(self.here / "v_0.vts"), str(self.here / "v_1.vts"), "-o", str(series),
+                           "--chunk", "8"], capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        done = self.run_isonest("extract", "--iso", f"{ISO},0.7", "-o", self.here / "m_{step}_{iso}.vtp", of=series)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        meshes = sorted(self.here.glob("m_*.vtp"))
+        self.assertEqual(len(meshes), 4)
+        for path in meshes:
+            step, iso = re.fullmatch(r"m_0*(\d)_(.*)", path.stem).groups()
+            self.same_points(read_mesh(path)[0], crossings(twisted() * (1 + int(step)), field(), float(iso)), 1e-5)
+        plain = self.here / "p.npy"
+        np.save(plain, field())
+        done = served.run([ISONEST, "preprocess", str(plain), "-o", str(series), "--append"], capture_output=True, text=True)
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn("curvilinear", done.stderr)
+
+    def test_surfaces_of_labels(self):
+        labels = (field() > 0.6).astype("u1")
+        self.write(twisted(), labels)
+        self.stored()
+        done = self.run_isonest("extract", "--label", 1, "-o", self.here / "l.vtp")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        points, triangles, _ = read_mesh(self.here / "l.vtp")
+        self.same_points(points, crossings(twisted(), labels, 0.5))
+        done = self.run_isonest("extract", "--label", 1, "--smooth", "-o", self.here / "s.vtp")
+        self.assertIn("curvilinear", done.stderr)
+        self.assertFalse((self.here / "s.vtp").exists())
 
     def test_ocean_grids(self):
         """2-D longitude and latitude, as ROMS and NEMO write them."""

@@ -113,7 +113,18 @@ def inputs(folder):
             file.createDimension(dim, SIDE)
         file.createVariable("v", "i1", tuple("zyx"))[:] = data.view("i1")
         file["v"].setncattr("_Unsigned", "true")
-    return [[stack], [folder / "v.tif"], [folder / "v.zarr"], [folder / "z.zarr"], [folder / "v.nii.gz"], [folder / "v.nc"]]
+    with netCDF4.Dataset(folder / "curved.nc", "w") as file:  # positions take 24 times as much as the values
+        for dim in "zyx":
+            file.createDimension(dim, SIDE)
+        made = file.createVariable("v", "u1", tuple("zyx"), chunksizes=(16, 64, SIDE))
+        made[:] = data
+        made.coordinates = "lon lat"
+        for name, units, step in (("lon", "degrees_east", (0.01, 0.2)), ("lat", "degrees_north", (0.2, -0.01))):
+            at = file.createVariable(name, "f8", ("y", "x"), zlib=True)
+            at[:] = step[0] * np.arange(SIDE)[:, None] + step[1] * np.arange(SIDE)
+            at.units = units
+    return [[stack], [folder / "v.tif"], [folder / "v.zarr"], [folder / "z.zarr"], [folder / "v.nii.gz"], [folder / "v.nc"],
+            [folder / "curved.nc", "--dataset", "v"]]
 
 
 if not HEAP.exists() or run("info", "--help")[2] is None:
@@ -193,6 +204,9 @@ def check_inputs(folder):
         for path, *options in inputs(folder):
             bytes_in = SIDE**3
             must_stay_within(["preprocess", path, "-o", store, "--chunk", 16, "--force", *options], str(bytes_in // 8))
+            if path.name == "curved.nc":
+                for more in ([], ["--normals"], ["--cells", "tet"]):
+                    must_stay_within(["extract", store, "--iso", 140, "-o", folder / "m.ply", *more], str(bytes_in // 8))
             assert run("export", store, "--field", "values", "-o", values, "--force")[0] == 0
             require(np.array_equal(np.memmap(values, "u1", "r"), waves().reshape(-1)), f"other numbers from {path}")
 
