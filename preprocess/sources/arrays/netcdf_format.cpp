@@ -473,6 +473,7 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
                 own.dataset = variable;
                 own.index.clear();
                 own.labels = false;
+                own.max_heap /= 4;  // there are three of them, beside the values
                 own.spacing = {1, 1, 1};
                 return open_netcdf3(input, own);
             },

@@ -486,6 +486,7 @@ NodePositionsPtr positions_of(const VtiHeader& header, const VtiArray& given,
         points.own_spacing = true;
         SourceOptions own = options;
         own.labels = false;
+        own.max_heap /= 4;  // there are three of them, beside the values
         own.index = {AxisIndex{"c", a}};
         positions->coordinates.at(static_cast<std::size_t>(a)) =
             open_array(points, header, piece.coordinates.front(), own);

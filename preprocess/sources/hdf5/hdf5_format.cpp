@@ -643,6 +643,7 @@ std::unique_ptr<VolumeSource> open_hdf5_volume(const InputFile& file,
                 own.dataset = dataset;
                 own.index.clear();
                 own.labels = false;
+                own.max_heap /= 4;  // there are three of them, beside the values
                 own.spacing = {1, 1, 1};
                 return open_hdf5_volume(file, own);
             },
