@@ -302,7 +302,6 @@ class Curvilinear(Input):
         points, _, found = self.extracted("--normals")
         normals = next(a for name, a in found.items() if name.lower().startswith("normal"))
         at_nodes = gradients(twisted(), field())
-        worst = 1.0
         values = field().astype("f8")
         # Of each vertex: between which nodes it lies, by the places where the surface crosses edges.
         places, expected = [], []
@@ -378,7 +377,6 @@ class Curvilinear(Input):
         self.same_points(arrays(reader.GetOutput())[0], points)
 
     def test_bytes_do_not_depend_on_threads_memory_and_chunks(self):
-        positions = twisted()
         stores, meshes = set(), set()
         for options in (("--threads", "1"), ("--threads", "3"), ("--memory", "64M")):
             self.stored(*options)
