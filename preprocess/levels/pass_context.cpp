@@ -8,6 +8,7 @@
 #include <isonest/value_type.h>
 
 #include "preprocess/indicators/layer.h"
+#include "preprocess/levels/write_positions.h"
 #include "store/base/memory.h"
 #include "store/container/codec.h"
 
@@ -68,7 +69,10 @@ PassBudget share_memory(const StoreLayout& layout, const VolumeSource& source,
     PassBudget budget;
     const std::uint64_t block = block_heap(layout).total();
     budget.fixed = kLibraryHeap + source.heap();
-    require_memory(source.describe().name, options.memory, budget.fixed + block + kMinWindow,
+    const NodePositionsPtr positions = source.describe().curved;
+    const std::uint64_t least = std::max(
+        block + kMinWindow, positions ? position_heap(*positions, layout) : std::uint64_t{0});
+    require_memory(source.describe().name, options.memory, budget.fixed + least,
                    fmt::format("chunks of {}", options.chunk), {{RemedyKind::smaller_chunk}});
     const std::uint64_t fitting = (options.memory - budget.fixed) * 3 / 5 / block;
     budget.tokens = static_cast<int>(

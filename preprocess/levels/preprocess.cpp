@@ -20,6 +20,7 @@
 #include "preprocess/levels/pass_context.h"
 #include "preprocess/levels/resume.h"
 #include "preprocess/levels/run_ends.h"
+#include "preprocess/levels/write_positions.h"
 #include "preprocess/sources/wrapping/plane_window.h"
 #include "preprocess/sources/wrapping/rounded_source.h"
 #include "store/base/in_order.h"
@@ -168,12 +169,20 @@ PreprocessReport preprocess(VolumeSource& volume, const std::filesystem::path& s
         if (options.resume) {
             done = take_over(store, identity, source, outputs, report, worth_keeping, progress);
         }
-        const std::int64_t planes = 2 * layout.header().chunk + 8;
-        PlaneWindow window(source, planes, budget.rest, store.parent_path(), progress);
-        report.input_on_disk = window.on_disk();
-        dispatch(header.type, [&](auto tag) {
-            run_levels<typename decltype(tag)::type>(outputs, own, window, done, budget, progress);
-        });
+        {
+            const std::int64_t planes = 2 * layout.header().chunk + 8;
+            PlaneWindow window(source, planes, budget.rest, store.parent_path(), progress);
+            report.input_on_disk = window.on_disk();
+            dispatch(header.type, [&](auto tag) {
+                run_levels<typename decltype(tag)::type>(outputs, own, window, done, budget,
+                                                         progress);
+            });
+        }
+        if (header.curved) {
+            report.curved = std::make_shared<const CurvedNodes>(
+                write_positions(*source.describe().curved, writer, options.memory - budget.fixed,
+                                budget.tokens, store.parent_path(), progress));
+        }
         write_cube_ranges(centres, writer);
         if (!label_names.empty()) {
             writer.write_label_names(label_names);

@@ -51,8 +51,7 @@ void require_even_for(const VolumeDescription& volume, const std::vector<Field>&
     for (const Field field : fields) {
         if (!is_own(field) && !is_of_cells(field) && indicator_of(field) != Indicator::deviation &&
             indicator_of(field) != Indicator::linf) {
-            require_even_axes(volume.uneven, volume.name,
-                              fmt::format("the indicator {}", name_of(field)));
+            require_even_axes(volume, fmt::format("the indicator {}", name_of(field)));
         }
     }
 }
@@ -127,6 +126,23 @@ std::string own_identities(const std::vector<OwnIndicator>& own) {
     return fmt::format("{}", fmt::join(lines, ""));
 }
 
+namespace {
+
+/// Positions have a digest, because the text of all sources together might be too long.
+std::string identity_of(const NodePositionsPtr& positions) {
+    if (!positions) {
+        return {};
+    }
+    Checksum sum;
+    for (const auto& source : positions->coordinates) {
+        const std::string own = source->identity() + "\n";
+        sum.add(std::as_bytes(std::span(own)));
+    }
+    return fmt::format("positions {:016x}\n", sum.value());
+}
+
+}  // namespace
+
 std::string identity_of(const StoreHeader& h, const VolumeSource& source,
                         const PreprocessOptions& options) {
     const bool resume = options.resume;
@@ -172,7 +188,7 @@ std::string identity_of(const StoreHeader& h, const VolumeSource& source,
                                                 : fmt::format("frame {}\n", name_of(h.frame))) +
            (h.uneven ? fmt::format("uneven {}\n", fmt::join(h.uneven->offsets, " ")) : "") +
            (h.rounding.none() ? "" : fmt::format("rounding {}\n", h.rounding.step)) +
-           own_identities(options.own);
+           identity_of(source.describe().curved) + own_identities(options.own);
 }
 
 void write_cube_ranges(CentreStore& centres, StoreWriter& writer) {

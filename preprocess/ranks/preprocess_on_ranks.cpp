@@ -170,6 +170,7 @@ RanksReport preprocess_on_ranks(Communicator& ranks, VolumeSource& volume,
     const bool is_first = ranks.rank() == 0;
     require_same_work(ranks, source, options);
     require_possible(ranks, source);
+    require_not_curved(source.describe(), "preprocessing by several processes");
     if (is_first) {
         check_output(store, options.force, source.files());
     }

@@ -239,7 +239,6 @@ std::optional<KnownFormat> known_xml(const std::filesystem::path& path, std::str
         constexpr const char* kPieces =
             "open it in ParaView and save it as one .vti, or give one of the files that it lists";
         constexpr std::array kKinds{
-            Kind{"\"structuredgrid\"", "a VTK curvilinear grid (.vts)", kResample},
             Kind{"\"unstructuredgrid\"", "a VTK unstructured grid (.vtu)", kResample},
             Kind{"\"hypertreegrid\"", "a VTK hyper tree grid (.htg)", kResample},
             Kind{"\"polydata\"", "a VTK mesh (.vtp)", kMesh},

@@ -30,6 +30,7 @@
 #include "preprocess/sources/wrapping/scaled_source.h"
 #include "preprocess/sources/wrapping/wrapped_source.h"
 #include "store/base/label_text.h"
+#include "store/container/format.h"
 #include "store/files/scratch_file.h"
 #include "store/remote/open_location.h"
 
@@ -46,11 +47,16 @@ class Placed : public DescribedSource {
           spacing_(options.spacing),
           origin_(options.origin),
           unit_(options.unit),
-          frame_(options.frame) {}
+          frame_(options.frame) {
+        if (origin_ && !spacing_) {
+            require_not_curved(inner_source().describe(), "an origin");
+        }
+    }
     [[nodiscard]] VolumeDescription describe() const override {
         VolumeDescription result = inner_source().describe();
         result.spacing = spacing_.value_or(result.spacing);
         result.uneven = spacing_ ? nullptr : result.uneven;
+        result.curved = spacing_ ? nullptr : result.curved;
         result.origin = origin_.value_or(result.origin);
         result.unit = unit_ ? unit_ : result.unit;
         if (spacing_ && result.direction != kAlongWorld) {

@@ -160,6 +160,7 @@ class Checker {
         if (share_.is_first()) {
             vtk_group();
             check_footer(store_, findings_);
+            compare_positions();
         }
         check_cube_ranges(store_, cache_, quick, findings_, progress_, share_);
         if (options_.depth == CheckDepth::deep) {
@@ -177,7 +178,7 @@ class Checker {
   private:
     /// Prefetches the whole part of the table that this rank reads.
     void prefetch_rows() {
-        for (const ArrayInfo& array : layout_.arrays()) {
+        for (const ArrayInfo& array : layout_.all_arrays()) {
             const auto [low, high] = share_.of(array.grid.product());
             if (!array.alias && low < high) {
                 const std::int64_t layer = array.grid.x * array.grid.y;
@@ -195,7 +196,7 @@ class Checker {
     void for_each_chunk(const char* phase, std::int64_t every, F&& f, Reads reads = Reads::itself) {
         progress_.begin(phase, layout_.rows() / static_cast<std::uint64_t>(every * share_.size()),
                         "chunks");
-        for (const ArrayInfo& array : layout_.arrays()) {
+        for (const ArrayInfo& array : layout_.all_arrays()) {
             if (array.alias) {
                 continue;
             }
@@ -299,10 +300,24 @@ class Checker {
         }
     }
 
+    /// Compares what the header says of a curvilinear grid's box with the chunk table.
+    void compare_positions() {
+        for (const ArrayInfo& array : layout_.positions()) {
+            const CurvedNodes& nodes = *layout_.header().curved;
+            const auto a = static_cast<std::size_t>(array.coordinate);
+            const ArrayTotals totals = store_.totals(array);
+            if (totals.min != nodes.low[a] || totals.max != nodes.high[a]) {
+                findings_.add("range", array, {0, 0, 0}, kWholeChunk,
+                              fmt::format("the header says {} to {}, the table {} to {}",
+                                          nodes.low[a], nodes.high[a], totals.min, totals.max));
+            }
+        }
+    }
+
     /// For each array, whether its first chunk was found to be damaged, by any rank.
     std::vector<std::uint64_t> damaged_first_chunks() {
         std::vector<std::uint64_t> damaged;
-        for (const ArrayInfo& array : layout_.arrays()) {
+        for (const ArrayInfo& array : layout_.all_arrays()) {
             damaged.push_back(findings_.is_damaged(array, {0, 0, 0}) ? 1 : 0);
         }
         if (share_.ranks != nullptr) {
@@ -327,8 +342,8 @@ class Checker {
         const std::vector<std::uint64_t> first_damaged = damaged_first_chunks();
         progress_.begin("HDF5", layout_.rows() / static_cast<std::uint64_t>(share_.size()),
                         "chunks");
-        for (std::size_t a = 0; a < layout_.arrays().size(); ++a) {
-            const ArrayInfo& array = layout_.arrays()[a];
+        for (std::size_t a = 0; a < layout_.all_arrays().size(); ++a) {
+            const ArrayInfo& array = layout_.all_arrays()[a];
             const auto [low, high] = share_.of(array.grid.product());
             if (low > 0 && first_damaged[a] == 0 &&
                 !view.read(array, {0, 0, 0}, store_.row(array, {0, 0, 0}), bytes).empty()) {
@@ -391,7 +406,9 @@ class Checker {
     [[nodiscard]] double element(const ArrayInfo& array, const std::vector<std::byte>& raw,
                                  std::size_t i) const {
         if (array.field == Field::values) {
-            return dispatch(layout_.header().type, [&](auto tag) {
+            const ValueType type =
+                array.coordinate >= 0 ? layout_.header().curved->type : layout_.header().type;
+            return dispatch(type, [&](auto tag) {
                 using T = typename decltype(tag)::type;
                 return static_cast<double>(reinterpret_cast<const T*>(raw.data())[i]);
             });

@@ -82,7 +82,58 @@ class SourceChecks {
         }
     }
 
+    /// The positions of a curvilinear grid's nodes, if the source has them.
+    void source_positions() {
+        const NodePositionsPtr given = source_.describe().curved;
+        if (!given || !layout_.header().curved) {
+            return;
+        }
+        for (const ArrayInfo& array : layout_.positions()) {
+            VolumeSource& source =
+                *given->coordinates.at(static_cast<std::size_t>(array.coordinate));
+            dispatch(layout_.header().curved->type, [&](auto stored) {
+                dispatch(source.describe().type, [&](auto original) {
+                    compare_coordinates<typename decltype(stored)::type,
+                                        typename decltype(original)::type>(array, source);
+                });
+            });
+        }
+    }
+
   private:
+    /// Plane by plane, in pieces of the rows of a chunk.
+    template <class T, class Original>
+    void compare_coordinates(const ArrayInfo& array, VolumeSource& source) {
+        const Int3 n = array.nodes;
+        const std::int64_t rows = source.sequential() ? n.y : std::min(array.chunk.y, n.y);
+        progress_.begin("positions", static_cast<std::uint64_t>(n.z), "planes");
+        std::vector<Original> given(static_cast<std::size_t>(n.x * rows));
+        for (std::int64_t z = 0; z < n.z; ++z) {
+            progress_.check();
+            for (std::int64_t y = 0; y < n.y; y += rows) {
+                const Int3 size{n.x, std::min(rows, n.y - y), 1};
+                source.read(z, 1, y, size.y, reinterpret_cast<std::byte*>(given.data()));
+                Box<T> ours({0, y, z}, size);
+                try {
+                    gather_values(cache_, array, ours);
+                } catch (const Error& error) {
+                    if (error.kind() != ErrorKind::corrupt) {
+                        throw;
+                    }
+                    continue;  // reported as damaged
+                }
+                for (std::size_t i = 0; i < ours.data.size(); ++i) {
+                    if (ours.data[i] != static_cast<T>(given[i])) {
+                        const Int3 p = Int3{0, y, z} + size.unlinear(static_cast<std::int64_t>(i));
+                        findings_.add("source", array, array.chunk_of(p), p,
+                                      "the position differs from the source's");
+                    }
+                }
+            }
+            progress_.advance(1);
+        }
+    }
+
     struct Part {
         Int3 low;
         Int3 size;
@@ -246,6 +297,7 @@ void check_source(ChunkCache& cache, const CheckOptions& options, Findings& find
                   Progress& progress) {
     SourceChecks checks(cache, options, findings, progress);
     checks.source_values();
+    checks.source_positions();
     dispatch(cache.source().layout().header().type,
              [&](auto tag) { checks.sampled_bounds<typename decltype(tag)::type>(); });
 }

@@ -60,7 +60,11 @@ void Findings::add(const char* test, const ArrayInfo& array, const Int3& chunk, 
     const auto* const rank = std::find(kTests.begin(), kTests.end(), test);
     Entry entry{static_cast<std::size_t>(rank - kTests.begin()),
                 array.row_of(chunk),
-                {test, std::string(name_of(array.field)), array.level, chunk, node, message}};
+                {test,
+                 array.coordinate < 0 ? std::string(name_of(array.field))
+                                      : std::string("positions ") +
+                                            "xyz"[static_cast<std::size_t>(array.coordinate)],
+                 array.level, chunk, node, message}};
     const std::lock_guard lock(mutex_);
     ++report_.failures;
     insert(std::move(entry));

@@ -198,7 +198,7 @@ Features features_of(const SurfaceQuery& query, const VolumeShape& shape,
 const char* name_of(Feature feature) {
     switch (feature) {
         case Feature::uneven_axes:
-            return "uneven axes";
+            return "uneven axes or a curvilinear grid";
         case Feature::isolines:
             return "isolines";
         case Feature::label:
@@ -273,21 +273,18 @@ std::span<const Combination> refused_combinations() {
 
 Features features_of(const StoreReader& store, const SurfaceQuery& query) {
     const StoreLayout& layout = store.layout();
-    return features_of(query, {layout.lattice().dimension(), layout.header().uneven != nullptr},
-                       [&] {
-                           const auto* const stop = std::get_if<ErrorBound>(&query.stop);
-                           // An indicator other than the default is one of tetrahedra.
-                           return stop != nullptr && stop->indicator == ErrorIndicator::deviation &&
-                                  stop->value > 0 &&
-                                  hexahedra_are_cheaper(store, query.iso,
-                                                        error_left(store, error_of(store, *stop)));
-                       });
+    return features_of(query, {layout.lattice().dimension(), is_uneven(layout.header())}, [&] {
+        const auto* const stop = std::get_if<ErrorBound>(&query.stop);
+        // An indicator other than the default is one of tetrahedra.
+        return stop != nullptr && stop->indicator == ErrorIndicator::deviation && stop->value > 0 &&
+               hexahedra_are_cheaper(store, query.iso, error_left(store, error_of(store, *stop)));
+    });
 }
 
 Features features_of(const StoreReader& store, const LabelQuery& query) {
     Features features = stage_features(query.stages);
     set(features, Feature::label);
-    set(features, Feature::uneven_axes, store.layout().header().uneven != nullptr);
+    set(features, Feature::uneven_axes, is_uneven(store.layout().header()));
     set(features, Feature::smooth_label, query.smooth.has_value());
     set(features, Feature::stepped_label, !query.smooth);
     set(features, Feature::isolines, store.layout().lattice().dimension() == 2);

@@ -71,12 +71,20 @@ struct Combination {
 /// All rows; the first one that applies is reported.
 std::span<const Combination> refused_combinations();
 
+/// Whether its nodes lie at uneven distances: along an axis, or anywhere.
+inline bool is_uneven(const StoreHeader& header) {
+    return header.uneven != nullptr || header.curved != nullptr;
+}
+inline bool is_uneven(const VolumeDescription& volume) {
+    return volume.uneven != nullptr || volume.curved != nullptr;
+}
+
 Features features_of(const StoreReader& store, const SurfaceQuery& query);
 Features features_of(const StoreReader& store, const LabelQuery& query);
 /// What features depend on, of a volume without a store.
 struct VolumeShape {
     int dimension = 3;
-    bool is_uneven = false;  ///< along some axis
+    bool is_uneven = false;  ///< see is_uneven()
 };
 /// Features of the query alone, or for a volume of this shape without a store. `is_cheaper`:
 /// whether hexahedra cost less, if a surface is simplified within an error; empty: they do not.

@@ -176,6 +176,7 @@ Int3 export_field(const Store& of, const std::filesystem::path& path, const Expo
     const StoreHeader& header = layout.header();
     VolumeFileSpec spec;
     spec.uneven = header.uneven;
+    spec.is_curved = header.curved != nullptr;
     spec.origin = header.origin;
     spec.direction = header.direction;
     spec.unit = header.unit;

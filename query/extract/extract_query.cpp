@@ -115,6 +115,9 @@ class Asking {
                         "when it is preprocessed",
                         {{RemedyKind::leave_out, "box"}});
         }
+        if (box) {
+            require_not_curved(header, name, "a box");
+        }
     }
     Asking(const StoreReader& store, const std::optional<WorldBox>& box)
         : Asking(store.layout().header(), store.path().string(), box) {}
@@ -131,6 +134,9 @@ class Asking {
         asked.traversal.cells = cells;
         asked.traversal.stop = stop.field;
         asked.traversal.box = clip_box(header_, box_);
+        if (header_.curved) {
+            place_around(*header_.curved);
+        }
         stop_below(stop.threshold);
     }
     void begin(const StoreReader& store, Product product, const Stop& stop, Cells cells) {
@@ -141,6 +147,9 @@ class Asking {
     /// Also with a tolerance that varies.
     void stop_below(double threshold, std::optional<Focus> focus = {},
                     std::optional<Camera> camera = {}) {
+        if (focus || camera) {
+            require_not_curved(header_, {}, "a focus or camera");
+        }
         if (focus && !is_along_world_) {
             std::tie(focus->lo, focus->hi) =
                 bounds_of_box(focus->lo, focus->hi, [&](const Double3& p) { return own_place(p); });
@@ -232,12 +241,22 @@ class Asking {
     ExtractQuery finish(const StoreReader& store) {
         if (!asked.traversal.tolerance.is_zero()) {
             // The error of a coarser element is that of its image in the lattice, which is bent.
-            require_even_axes(header_.uneven, store.path().string(),
+            require_even_axes(header_, store.path().string(),
                               "the nested grid (an error with the effort none, or of a slice or "
                               "lines)");
         }
+        if (asked.stages.error) {
+            require_not_curved(header_, store.path().string(), "simplification within an error");
+        }
+        if (asked.values != nullptr || asked.traversal.attributes.error) {
+            require_not_curved(header_, store.path().string(),
+                               "an error or a value of another store at each vertex");
+        }
         keep_on_border(store.layout().lattice());
-        require_float32_places(store, asked.steps, asked.origin, asked.product == Product::graph);
+        if (!header_.curved) {
+            require_float32_places(store, asked.steps, asked.origin,
+                                   asked.product == Product::graph);
+        }
         if (asked.traversal.attributes.value && !asked.traversal.attributes.wide_value) {
             require_float32_values(asked.values_in(store));
         }
@@ -245,7 +264,8 @@ class Asking {
     }
     /// Sets how vertices are rounded and separated.
     ExtractQuery finish() {
-        asked.coordinate_rounding = coordinate_rounding(header_.nodes, asked.steps, asked.origin);
+        asked.coordinate_rounding =
+            coordinate_rounding(asked.around.value_or(header_.nodes), asked.steps, asked.origin);
         if (const Directions rotation = header_.rotation(); rotation != kAlongWorld) {
             asked.rotation = Rotation{header_.origin, rotation};
             asked.min_apart =
@@ -256,6 +276,23 @@ class Asking {
     }
 
   private:
+    /// The lattice that contains all positions. Its cells are cubes as long as the shortest mean
+    /// distance between neighbouring nodes, unless there would be too many.
+    void place_around(const CurvedNodes& nodes) {
+        const double step = *std::min_element(nodes.step.begin(), nodes.step.end());
+        asked.origin = nodes.low;
+        Int3& count = asked.around.emplace();
+        for (int axis = 0; axis < 3; ++axis) {
+            const auto a = static_cast<std::size_t>(axis);
+            const double extent = nodes.high[a] - nodes.low[a];
+            constexpr auto kMaxCells = static_cast<double>(kMaxNodesPerAxis - 1);
+            asked.steps.along[a] = std::max(step, extent / kMaxCells);
+            count[axis] = std::min<std::int64_t>(
+                              static_cast<std::int64_t>(std::ceil(extent / asked.steps.along[a])),
+                              kMaxNodesPerAxis - 2) +
+                          2;
+        }
+    }
     [[nodiscard]] Double3 own_place(const Double3& p) const {
         return unrotated_about(header_.origin, header_.rotation(), p);
     }
@@ -292,6 +329,9 @@ double MeshPlace::max_moved() const {
 }
 
 PatchBox MeshPlace::faces_of(const ClipBox& of) const {
+    if (!has_faces) {
+        return {};
+    }
     constexpr double kMore = 4;
     return box_faces(of.lo, of.hi, lattice.steps, lattice.origin, kMore * max_moved());
 }
@@ -303,6 +343,18 @@ void ExtractQuery::watch(PartStore& parts) const {
     if (traversal.attributes.normal) {
         parts.count_normals();
     }
+}
+
+CurvedPlacing ExtractQuery::placing() const {
+    CurvedPlacing placing;
+    placing.is_of_tetrahedra = traversal.cells == Cells::tetrahedra;
+    placing.has_normals = traversal.attributes.normal;
+    placing.box = traversal.box;
+    if (keeps_apart()) {
+        placing.sight =
+            std::sqrt(3.0) * sight_apart(coordinate_rounding, min_apart) * steps.longest();
+    }
+    return placing;
 }
 
 ApartRange ExtractQuery::apart_range() const {
@@ -321,7 +373,9 @@ MemoryShare memory_of(const ExtractOptions& options, const std::string& name) {
 }
 
 double world_distance(const StoreHeader& header, const DistanceBound& asked) {
-    const Double3 spacing = header.uneven ? header.steps().min_along() : header.spacing;
+    const Double3 spacing = header.curved   ? header.curved->step
+                            : header.uneven ? header.steps().min_along()
+                                            : header.spacing;
     double voxel = kInfinity;
     for (int axis = 0; axis < 3; ++axis) {
         if (header.nodes[axis] > 1) {
@@ -409,8 +463,12 @@ ExtractQuery extract_query(const VolumeDescription& volume, const SurfaceQuery& 
     const StoreHeader header = header_of(volume);
     Asking asking(header, volume.name, query.box);
     const Features features =
-        features_of(query, {Lattice(volume.nodes).dimension(), volume.uneven != nullptr});
+        features_of(query, {Lattice(volume.nodes).dimension(), is_uneven(volume)});
     require_combination(features, volume.name);
+    if (volume.curved) {
+        throw Error(ErrorKind::invalid_argument, {volume.name},
+                    "the surface of a curvilinear grid needs a store", {{RemedyKind::make_store}});
+    }
     if (needs_store(volume, features, query.grid.bound.has_value())) {
         throw Error(ErrorKind::invalid_argument, {volume.name},
                     "errors, fields, several resolutions and vertex values need a store; directly "
@@ -458,6 +516,7 @@ ExtractQuery extract_query(const StoreReader& store, const SliceQuery& query, bo
     Asking asking(store, query.box);
     ExtractQuery& asked = asking.asked;
     require_numbers(store, "a slice");
+    require_not_curved(store.layout().header(), store.path().string(), "a slice");
     require_volume(store);
     require_combination(plane_features(query.focus || query.camera, query.cells),
                         store.path().string());
@@ -478,6 +537,7 @@ ExtractQuery extract_query(const StoreReader& store, const SliceQuery& query, bo
 ExtractQuery extract_query(const StoreReader& store, const ContourQuery& query, bool /*float64*/) {
     Asking asking(store, query.box);
     require_numbers(store, "contour lines");
+    require_not_curved(store.layout().header(), store.path().string(), "a slice");
     require_volume(store);
     require_contours(query.values);
     const Stop stop = stop_of(store, query.stop);
@@ -503,7 +563,7 @@ ExtractQuery extract_query(const StoreReader& store, const GraphQuery& query, bo
     require_plane(store);
     require_combination(plane_features(query.focus || query.camera, query.cells),
                         store.path().string());
-    require_even_axes(store.layout().header().uneven, store.path().string(), "a graph");
+    require_even_axes(store.layout().header(), store.path().string(), "a graph");
     if (!std::isfinite(query.scale)) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("scale {}: must be a finite number", query.scale));

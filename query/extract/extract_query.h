@@ -12,6 +12,7 @@
 #include <isonest/volume_source.h>
 
 #include "query/apart/keep_apart.h"
+#include "query/march/curved_place.h"
 #include "query/mesh/part_store.h"
 #include "query/simplify/block_grid.h"
 #include "query/simplify/patch.h"
@@ -53,8 +54,9 @@ struct StageChoice {
 /// The position of a mesh, and its accuracy.
 struct MeshPlace {
     WorldLattice lattice;
-    ClipBox box;          ///< to which the surface is clipped
-    double rounding = 0;  ///< of coordinates, as in the report
+    ClipBox box;            ///< to which the surface is clipped
+    double rounding = 0;    ///< of coordinates, as in the report
+    bool has_faces = true;  ///< the box's faces are planes; false for a curvilinear grid
 
     /// The smallest distance between neighbouring nodes, world units.
     [[nodiscard]] double voxel() const { return lattice.steps.shortest(); }
@@ -62,6 +64,7 @@ struct MeshPlace {
     [[nodiscard]] double max_moved() const;
     /// The faces of a box between nodes (or of the box to which the surface is clipped) in the same
     /// form as vertices: world coordinates, float32.
+    /// None if they are not planes.
     [[nodiscard]] PatchBox faces_of(const ClipBox& of) const;
     [[nodiscard]] PatchBox faces() const { return faces_of(box); }
 };
@@ -84,6 +87,9 @@ struct ExtractQuery {
     /// For the mesh, in own axes: world coordinates are origin + steps.vector(position).
     LatticeSteps steps = {};
     Double3 origin{};
+    /// Curvilinear grids: nodes of a lattice with these steps and this origin that contains all
+    /// positions. It replaces the grid after vertices have been placed (CurvedPlace).
+    std::optional<Int3> around = {};
     double coordinate_rounding = 0;    ///< as in the report
     std::optional<Rotation> rotation;  ///< for a volume that is not aligned with the world's axes
     double min_apart = kMinApart;      ///< smallest step for separating vertices
@@ -117,11 +123,16 @@ struct ExtractQuery {
     }
     /// The place of the mesh, for an extraction from a volume of this many nodes.
     [[nodiscard]] MeshPlace place(const Int3& nodes) const {
-        return {{origin, steps, nodes}, asked_box.value_or(traversal.box), coordinate_rounding};
+        return {{origin, steps, around.value_or(nodes)},
+                asked_box.value_or(traversal.box),
+                coordinate_rounding,
+                !around};
     }
     /// Lets the parts of the mesh record which vertices may be at the same place, if those are
     /// separated, and which have no normal, if normals are requested.
     void watch(PartStore& parts) const;
+    /// How parts of a curvilinear grid are placed.
+    [[nodiscard]] CurvedPlacing placing() const;
     /// How vertices at the same place are separated, without the faces and the box that limit them.
     [[nodiscard]] ApartRange apart_range() const;
     /// As in the report.

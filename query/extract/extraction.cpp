@@ -187,15 +187,17 @@ double PartsTraversal::nested_limit() const {
 }
 
 /// For each isovalue. Surfaces are found in one traversal; others are traversed one after another,
-/// with a common cache. `query`: of the query, with the cache of the vertex values.
-std::vector<TraversalCounts> PartsTraversal::all_counts(ChunkCache& cache,
-                                                        const TraversalQuery& query,
-                                                        std::span<const PartsPlace> places,
-                                                        const ScratchFolder& scratch,
-                                                        Progress& progress) const {
+/// with a common cache. `query`: of the query, with the cache of the vertex values. `curved`: null
+/// unless the grid is curvilinear.
+std::vector<TraversalCounts> PartsTraversal::all_counts(
+    ChunkCache& cache, const TraversalQuery& query, std::span<const PartsPlace> places,
+    const ScratchFolder& scratch, const CurvedPlace* curved, Progress& progress) const {
     std::vector<PartSink> sinks;
     for (const PartsPlace& place : places) {
-        sinks.emplace_back([parts = place.parts](std::uint64_t order, const MeshPart& part) {
+        sinks.emplace_back([parts = place.parts, curved](std::uint64_t order, MeshPart&& part) {
+            if (curved != nullptr) {
+                curved->place(part);
+            }
             parts->append(order, part);
         });
     }
@@ -235,22 +237,33 @@ std::vector<FoundParts> PartsTraversal::find(std::span<const PartsPlace> places,
     const ChunkSource& source = label ? static_cast<const ChunkSource&>(*label) : store_;
     ChunkCache cache(source, budget_.cache,
                      query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
+    std::optional<ChunkCache> positions;
+    std::optional<CurvedPlace> curved;
+    if (store_.layout().header().curved) {
+        positions.emplace(store_, budget_.values_cache);
+        curved.emplace(*positions, asked_.placing());
+    }
     if (team != nullptr) {
         query.share = share_of(team->ranks, source, query.box, query.plane, isovalues_of(places));
     }
     const auto start = Clock::now();
-    const std::vector<TraversalCounts> counts = all_counts(cache, query, places, scratch, progress);
+    const std::vector<TraversalCounts> counts =
+        all_counts(cache, query, places, scratch, curved ? &*curved : nullptr, progress);
+    const auto with_positions = [&](std::uint64_t (ChunkCache::*count)() const) {
+        return (cache.*count)() + (positions ? ((*positions).*count)() : 0);
+    };
     if (team != nullptr) {
         ++team->work.traversals;
         team->work.traversal_seconds += elapsed_since(start);
-        team->work.chunks_read += cache.chunks_read();
-        team->work.bytes_read += cache.bytes_read();
+        team->work.chunks_read += with_positions(&ChunkCache::chunks_read);
+        team->work.bytes_read += with_positions(&ChunkCache::bytes_read);
     }
     std::vector<FoundParts> found;
     for (std::size_t i = 0; i < places.size(); ++i) {
         FoundParts& one = found.emplace_back();
-        one.traversal = {counts[i], cache.chunks_read(), cache.bytes_read(), cache.peak_bytes(),
-                         store_.has_missing()};
+        one.traversal = {counts[i], with_positions(&ChunkCache::chunks_read),
+                         with_positions(&ChunkCache::bytes_read),
+                         with_positions(&ChunkCache::peak_bytes), store_.has_missing()};
         if (team == nullptr) {
             places[i].parts->seal();
             continue;

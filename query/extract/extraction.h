@@ -75,11 +75,9 @@ class PartsTraversal {
                                  Progress& progress, RankTeam* team) const;
 
   private:
-    [[nodiscard]] std::vector<TraversalCounts> all_counts(ChunkCache& cache,
-                                                          const TraversalQuery& query,
-                                                          std::span<const PartsPlace> places,
-                                                          const ScratchFolder& scratch,
-                                                          Progress& progress) const;
+    [[nodiscard]] std::vector<TraversalCounts> all_counts(
+        ChunkCache& cache, const TraversalQuery& query, std::span<const PartsPlace> places,
+        const ScratchFolder& scratch, const CurvedPlace* curved, Progress& progress) const;
     [[nodiscard]] double nested_limit() const;
 
     const StoreReader& store_;

@@ -33,6 +33,8 @@ using detail::StoreLayout;
 using detail::StoreReader;
 
 Placement::Placement(const Store& store) : origin_(store.origin()), uneven_(store.uneven_axes()) {
+    detail::require_not_curved(store.reader().layout().header(), store.path().string(),
+                               "a placement of elements");
     const Directions direction = store.direction();
     std::array<Double3, 3> along{};
     std::size_t count = 0;

@@ -436,7 +436,8 @@ ImplicitGrid<D> ImplicitGrid<D>::of_store(const Store& store, Field field, doubl
         throw Error(ErrorKind::unsupported, {store.path().string()},
                     "the volume is sheared, and elements are computed for axes at right angles");
     }
-    detail::require_even_axes(store.uneven_axes(), store.path().string(), "an implicit grid");
+    detail::require_even_axes(store.reader().layout().header(), store.path().string(),
+                              "an implicit grid");
     detail::require_field_of_nodes(store.reader(), field);
     const Lattice& lattice = store.reader().layout().lattice();
     detail::ChunkCache cache(store.reader(), kCache);

@@ -28,7 +28,7 @@ void require_sense(const SmoothOptions& options, const VolumeDescription& volume
     require(options.threshold >= 0, "threshold: give a number >= 0");
     require(options.tolerance > 0, "tolerance: give a number > 0");
     detail::require_right_angles(volume.direction, volume.name, "smoothing");
-    detail::require_even_axes(volume.uneven, volume.name, "smoothing");
+    detail::require_even_axes(volume, "smoothing");
     if (volume.nodes == Int3{1, 1, 1}) {
         throw Error(ErrorKind::unsupported, {volume.name}, "there is only one node");
     }

@@ -31,8 +31,10 @@ VolumeDescription VolumeValues::describe() const {
         return source_->describe();
     }
     const StoreHeader& h = store_->layout().header();
-    return {h.nodes, h.type,  h.spacing, h.origin, store_->path().string(), h.direction, h.labels,
-            h.unit,  h.frame, {},        h.uneven};
+    require_not_curved(h, store_->path().string(), "reading a store as a volume");
+    return {h.nodes,     h.type,   h.spacing, h.origin, store_->path().string(),
+            h.direction, h.labels, h.unit,    h.frame,  {},
+            h.uneven,    {}};
 }
 
 std::vector<std::filesystem::path> VolumeValues::files() const {

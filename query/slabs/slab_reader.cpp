@@ -77,6 +77,7 @@ void require_marchable(const VolumeDescription& volume, double iso) {
         !why.empty()) {
         throw Error(ErrorKind::invalid_argument, {volume.name}, why);
     }
+    require_not_curved(volume, "marching without a store");
     if (std::min({n.x, n.y, n.z}) < 2) {
         throw Error(ErrorKind::invalid_argument, {volume.name},
                     fmt::format("{} x {} x {} nodes have no cells", n.x, n.y, n.z));

@@ -379,7 +379,7 @@ void export_computed_field(const StoreReader& store, const std::filesystem::path
                    "an indicator that is computed for the whole volume");
     constexpr const char* kWhat = "an indicator that is computed for the whole volume";
     require_right_angles(header.direction, store.path().string(), kWhat);
-    require_even_axes(header.uneven, store.path().string(), kWhat);
+    require_even_axes(header, store.path().string(), kWhat);
     VolumeFileSpec spec;
     spec.nodes = n;
     spec.type = ValueType::f32;

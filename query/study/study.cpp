@@ -174,7 +174,7 @@ void require_sense(const StoreLayout& layout, const StudyOptions& options) {
 void require_shape(const StoreReader& store, const StudyOptions& options) {
     const Directions& direction = store.layout().header().direction;
     const std::string name = store.path().string();
-    require_even_axes(store.layout().header().uneven, name, "a study");
+    require_even_axes(store.layout().header(), name, "a study");
     const bool computes =
         std::any_of(options.fields.begin(), options.fields.end(),
                     [](const AnyField& f) { return std::holds_alternative<ComputedField>(f); });

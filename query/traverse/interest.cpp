@@ -28,7 +28,7 @@ LatticePlane uneven_plane(const StoreHeader& header, const WorldPlane& world) {
     const auto across =
         std::count_if(world.normal.begin(), world.normal.end(), [](double n) { return n != 0; });
     if (across > 1) {
-        require_even_axes(header.uneven, {}, "a plane that is not across one of the axes");
+        require_even_axes(header, {}, "a plane that is not across one of the axes");
     }
     LatticePlane plane{{0, 0, 0}, 0};
     for (std::size_t a = 0; a < 3; ++a) {
@@ -43,6 +43,7 @@ LatticePlane uneven_plane(const StoreHeader& header, const WorldPlane& world) {
 }  // namespace
 
 LatticePlane lattice_plane(const StoreHeader& header, const WorldPlane& world) {
+    require_not_curved(header, {}, "a plane");
     LatticePlane plane = header.uneven ? uneven_plane(header, world) : even_plane(header, world);
     double size = 0;
     double low = 0;  // minimum of n . p over the volume

@@ -5,6 +5,7 @@
 #include <iterator>
 #include <memory>
 
+#include "query/march/curved_place.h"
 #include "query/traverse/bricks/traverse_finest.h"
 #include "query/traverse/bricks/traverse_levels.h"
 #include "query/traverse/hexahedra/traverse_hexahedra.h"
@@ -59,7 +60,10 @@ TraversalHeap::TraversalHeap(const StoreLayout& layout, const TraversalQuery& qu
             NodeSampler::kMaxIndicatorChunks * largest_chunk(layout, *query.attributes.error);
     }
     if (values != nullptr) {
-        value_chunks_ = (NodeSampler::kMaxValueChunks + 1) * largest_chunk(*values, Field::values);
+        value_chunk_ = largest_chunk(*values, Field::values);
+        value_chunks_ = (NodeSampler::kMaxValueChunks + 1) * value_chunk_;
+    } else if (layout.header().curved) {
+        value_chunks_ = 3 * CurvedPlace::kMaxHeld * layout.positions()[0].chunk_bytes();
     }
 }
 
@@ -104,14 +108,12 @@ TraversalBudget TraversalHeap::share(const MemoryShare& memory, bool is_remote, 
         spare -= budget.waiting;
     }
     // Held chunks are part of the caches.
-    const std::uint64_t values_share = values_ != nullptr ? spare / 3 : 0;
+    const std::uint64_t values_share = value_chunks_ > 0 ? spare / 3 : 0;
     budget.values_cache = count * isovalues * value_chunks_ + values_share;
     budget.cache = count * all_chunks(isovalues) + spare - values_share;
     // Chunks that are decoded for their sides are not included in a cache's budget.
     budget.cache -= count * layout_.array(0, Field::values).chunk_bytes();
-    if (values_ != nullptr) {
-        budget.values_cache -= count * values_->array(0, Field::values).chunk_bytes();
-    }
+    budget.values_cache -= count * value_chunk_;
     return budget;
 }
 

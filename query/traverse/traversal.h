@@ -130,7 +130,7 @@ struct TraversalCounts {
 };
 
 /// Receives finished parts; called from many threads. The parts of a mesh are sorted by `order`.
-using PartSink = std::function<void(std::uint64_t order, const MeshPart& part)>;
+using PartSink = std::function<void(std::uint64_t order, MeshPart&& part)>;
 
 /// Visits all tetrahedra that may contain the isosurface. `part_vertices`: limit for the size of a
 /// part. Throws what the chunk source throws, and Error{cancelled}.
@@ -158,7 +158,8 @@ struct TraversalBudget {
     int threads = 1;
     std::size_t part_vertices = 0;   ///< parameter of traverse()
     std::uint64_t cache = 0;         ///< bytes of the store's ChunkCache
-    std::uint64_t values_cache = 0;  ///< bytes of the ChunkCache from which vertex values are taken
+    std::uint64_t values_cache = 0;  ///< bytes of the ChunkCache from which vertex values are
+                                     ///< taken, or positions of nodes
     std::uint64_t parts = 0;         ///< bytes for finished parts; 0 unless requested
     std::uint64_t waiting = 0;  ///< TraversalQuery::waiting_lists; 0 unless the store is remote
 };
@@ -166,8 +167,8 @@ struct TraversalBudget {
 /// What the threads of a traversal need. `isovalues`: the number given to traverse_isovalues().
 class TraversalHeap {
   public:
-    /// `values`: of another store, from which vertex values are taken, or null. Both must outlive
-    /// it.
+    /// `values`: of another store, from which vertex values are taken, or null (REQUIRES: null for
+    /// a curvilinear grid, whose positions are read instead). Both must outlive it.
     TraversalHeap(const StoreLayout& layout, const TraversalQuery& query,
                   const StoreLayout* values = nullptr);
 
@@ -197,7 +198,8 @@ class TraversalHeap {
     bool has_attributes_;
     bool samples_;
     std::uint64_t chunks_;
-    std::uint64_t value_chunks_ = 0;  ///< of the other store
+    std::uint64_t value_chunks_ = 0;  ///< of the other store, or of positions
+    std::uint64_t value_chunk_ = 0;   ///< one of them that is decoded for its sides
 };
 
 // One call of traverse(): state shared by its bricks and threads, and the loops over bricks.

@@ -28,6 +28,7 @@ class Interpolation {
           level_(options.level),
           cells_(layout.lattice().cells_at(level_)),
           is_linear_(options.cells == Cells::tetrahedra) {
+        require_not_curved(header_, {}, "interpolation at points of the world");
         LatticeSteps shortest = steps_;
         shortest.along = steps_.min_along();
         shortest.uneven = nullptr;

@@ -111,6 +111,11 @@ std::string why_no_directions(const Int3& nodes, const Directions& direction) {
 }
 
 double diagonal_of(const StoreHeader& header) {
+    if (header.curved) {
+        const Double3& low = header.curved->low;
+        const Double3& high = header.curved->high;
+        return hypot3(high[0] - low[0], high[1] - low[1], high[2] - low[2]);
+    }
     const LatticeSteps steps = header.steps();
     if (steps.is_sheared()) {
         LatticeSteps whole = steps;
@@ -158,15 +163,62 @@ void require_right_angles(const Directions& direction, const std::string& name,
     }
 }
 
-void require_even_axes(const UnevenAxesPtr& uneven, const std::string& name,
-                       const std::string& what) {
-    if (uneven) {
+namespace {
+
+void require_even(bool is_uneven, const std::string& name, const std::string& what) {
+    if (is_uneven) {
         throw Error(ErrorKind::unsupported, {name},
                     fmt::format("{} needs evenly spaced axes, but the nodes of this volume lie at "
                                 "uneven distances; resample it, or preprocess it with a spacing",
                                 what),
                     {{RemedyKind::place_in_world, "spacing"}});
     }
+}
+
+void require_straight(bool is_curved, const std::string& name, const std::string& what) {
+    if (is_curved) {
+        throw Error(ErrorKind::unsupported, {name},
+                    fmt::format("{} needs straight axes, but the grid is curvilinear; resample it, "
+                                "or preprocess it with a spacing",
+                                what),
+                    {{RemedyKind::place_in_world, "spacing"}});
+    }
+}
+
+}  // namespace
+
+void require_even_axes(const StoreHeader& header, const std::string& name,
+                       const std::string& what) {
+    require_even(header.uneven != nullptr, name, what);
+    require_straight(header.curved != nullptr, name, what);
+}
+
+void require_even_axes(const VolumeDescription& volume, const std::string& what) {
+    require_even(volume.uneven != nullptr, volume.name, what);
+    require_straight(volume.curved != nullptr, volume.name, what);
+}
+
+void require_not_curved(const StoreHeader& header, const std::string& name,
+                        const std::string& what) {
+    require_straight(header.curved != nullptr, name, what);
+}
+
+void require_not_curved(const VolumeDescription& volume, const std::string& what) {
+    require_straight(volume.curved != nullptr, volume.name, what);
+}
+
+CurvedNodesPtr curved_of(const VolumeDescription& volume) {
+    if (!volume.curved) {
+        return nullptr;
+    }
+    const auto fits = [](const std::shared_ptr<VolumeSource>& source) {
+        const ValueType type = source->describe().type;
+        return type == ValueType::f32 || size_of(type) <= 2;
+    };
+    const auto& axes = volume.curved->coordinates;
+    CurvedNodes nodes;
+    nodes.type = std::all_of(axes.begin(), axes.end(), fits) ? ValueType::f32 : ValueType::f64;
+    return std::make_shared<const CurvedNodes>(nodes);
 }
 
 namespace {
@@ -183,6 +235,22 @@ void validate(const StoreHeader& header) {
     if (const std::string why = why_no_place(header.nodes, header.spacing, header.origin);
         !why.empty()) {
         throw Error(ErrorKind::invalid_argument, why);
+    }
+    if (header.curved) {
+        const Int3& n = header.nodes;
+        if (std::min({n.x, n.y, n.z}) < 2) {
+            throw Error(ErrorKind::unsupported,
+                        fmt::format("a curvilinear grid of {} x {} x {} nodes: there must be at "
+                                    "least two along each axis",
+                                    n.x, n.y, n.z));
+        }
+        if (header.uneven || header.direction != kAlongWorld ||
+            header.spacing != Double3{1, 1, 1} || header.origin != Double3{0, 0, 0} ||
+            (header.curved->type != ValueType::f32 && header.curved->type != ValueType::f64)) {
+            throw Error(ErrorKind::invalid_argument,
+                        "a curvilinear grid has positions of float32 or float64, and no other "
+                        "placement");
+        }
     }
     if (const std::string why = why_not_uneven(header.nodes, header.spacing, header.origin,
                                                header.direction, header.uneven);
@@ -205,6 +273,10 @@ void validate(const StoreHeader& header) {
 }  // namespace
 
 std::string ArrayInfo::place(const Int3& c) const {
+    if (coordinate >= 0) {
+        return fmt::format("positions, {}, chunk {} {} {}",
+                           "xyz"[static_cast<std::size_t>(coordinate)], c.x, c.y, c.z);
+    }
     return fmt::format("level {}, {}, chunk {} {} {}", level, name_of(field), c.x, c.y, c.z);
 }
 
@@ -258,6 +330,16 @@ StoreLayout::StoreLayout(const StoreHeader& header) : header_(header) {
                  static_cast<std::uint64_t>(
                      ceil_div(values.nodes, min(values.nodes, {k / 2, k / 2, k / 2})).product());
     }
+    for (int axis = 0; header_.curved && axis < 3; ++axis) {
+        ArrayInfo positions = arrays_.front();
+        positions.coordinate = axis;
+        positions.first_row = rows_;
+        positions.codec = {size_of(header_.curved->type), true, header_.compression};
+        positions.skips_shuffle = header_.skips_shuffle;
+        rows_ += static_cast<std::uint64_t>(positions.grid.product());
+        arrays_.push_back(positions);
+        ++positions_;
+    }
 }
 
 bool StoreLayout::has(Field field) const {
@@ -276,7 +358,7 @@ std::optional<Field> StoreLayout::tightest_bound() const {
 }
 
 const ArrayInfo& StoreLayout::array(int level, Field field) const {
-    for (const ArrayInfo& array : arrays_) {
+    for (const ArrayInfo& array : arrays()) {
         if (array.level == level && array.field == field) {
             return array;
         }
@@ -309,12 +391,15 @@ std::string StoreLayout::cube_range_sums_path(int level) {
 }
 
 std::string StoreLayout::path_of(const ArrayInfo& array) {
+    if (array.coordinate >= 0) {
+        return fmt::format("/positions/{}", "xyz"[static_cast<std::size_t>(array.coordinate)]);
+    }
     return fmt::format("/levels/{}/{}", array.level, stored_name_of(array.field));
 }
 
 std::size_t largest_chunk_bytes(const StoreLayout& layout) {
     std::size_t largest = 0;
-    for (const ArrayInfo& array : layout.arrays()) {
+    for (const ArrayInfo& array : layout.all_arrays()) {
         largest = std::max(largest, array.chunk_bytes());
     }
     return largest;

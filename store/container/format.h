@@ -9,9 +9,11 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
+#include <isonest/curved_nodes.h>
 #include <isonest/data_rounding.h>
 #include <isonest/field.h>
 #include <isonest/frame.h>
@@ -83,7 +85,7 @@ inline bool has_cube_ranges(const Lattice& lattice, int level) {
 }
 
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 14;
+inline constexpr std::uint32_t kFormatMinor = 15;
 /// The version of the format in which a store is written.
 struct FormatVersion {
     std::uint64_t major = kFormatMajor;
@@ -104,6 +106,8 @@ inline constexpr std::uint32_t kIsSheared = 4;
 /// Bit of `flags`: some axes are uneven; the attributes `offsets_x`, `offsets_y` and `offsets_z`
 /// say where their nodes lie.
 inline constexpr std::uint32_t kIsUneven = 8;
+/// Bit of `flags`: each node has a position of its own (`/positions`).
+inline constexpr std::uint32_t kIsCurved = 16;
 /// Bit of `flags`: some chunks are stored without the shuffle; their rows say so.
 inline constexpr std::uint32_t kSkipsShuffle = 32;
 /// Bit of `flags`: the values were rounded before they were stored; the attribute `tolerance` says
@@ -120,9 +124,10 @@ struct StoreHeader {
     ValueType type = ValueType::f32;
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
-    Directions direction = kAlongWorld;                ///< since version 2.5; sheared: 2.11
-    UnevenAxesPtr uneven = {};                         ///< not sheared as well; since version 2.14
-    bool labels = false;                               ///< since version 2.6
+    Directions direction = kAlongWorld;  ///< since version 2.5; sheared: 2.11
+    UnevenAxesPtr uneven = {};           ///< not sheared as well; since version 2.14
+    CurvedNodesPtr curved = {};          ///< neither with directions nor uneven; since version 2.15
+    bool labels = false;                 ///< since version 2.6
     std::optional<LengthUnit> unit = {};               ///< unit of length; since version 2.7
     AnatomicalFrame frame = AnatomicalFrame::unknown;  ///< of the world axes; since version 2.10
     DataRounding rounding = {};                        ///< of all values; since version 2.13
@@ -145,7 +150,7 @@ struct StoreHeader {
     /// Directions of the volume's own axes (store/base/vectors.h).
     [[nodiscard]] Directions rotation() const { return own_directions(direction); }
     /// Steps in own axes: node p lies at origin + steps().vector(p).
-    /// They refer to `uneven`.
+    /// They refer to `uneven`. For a curvilinear grid they are those of the lattice: 1.
     [[nodiscard]] LatticeSteps steps() const {
         return uneven ? LatticeSteps(spacing, uneven.get())
                       : LatticeSteps(spacing, direction, rotation());
@@ -158,8 +163,10 @@ struct StoreHeader {
         constexpr std::uint32_t kWithOwn = 12;
         constexpr std::uint32_t kSkippingOrRounded = 13;
         constexpr std::uint32_t kUneven = 14;
+        constexpr std::uint32_t kCurved = 15;
         const bool own = std::any_of(fields.begin(), fields.end(), is_own);
-        return {kFormatMajor, uneven                              ? kUneven
+        return {kFormatMajor, curved                              ? kCurved
+                              : uneven                            ? kUneven
                               : skips_shuffle || !rounding.none() ? kSkippingOrRounded
                               : own                               ? kWithOwn
                               : is_sheared()                      ? kSheared
@@ -193,6 +200,7 @@ struct ArrayInfo {
     std::uint64_t first_row = 0;  ///< of the chunk table; chunks follow x fastest
     bool alias = false;           ///< the same stored array as another field's (a hard link)
     CodecSpec codec;
+    int coordinate = -1;         ///< the nodes' positions: 0, 1, 2 for x, y, z; -1: another array
     bool skips_shuffle = false;  ///< rows say which chunks are stored without the shuffle
 
     /// How this chunk is stored.
@@ -238,7 +246,16 @@ class StoreLayout {
 
     [[nodiscard]] const StoreHeader& header() const { return header_; }
     [[nodiscard]] const Lattice& lattice() const { return lattice_; }
-    [[nodiscard]] const std::vector<ArrayInfo>& arrays() const { return arrays_; }
+    /// The values and the indicators.
+    [[nodiscard]] std::span<const ArrayInfo> arrays() const {
+        return std::span(arrays_).first(arrays_.size() - positions_);
+    }
+    /// The nodes' coordinates x, y and z on level 0; empty unless the grid is curvilinear.
+    [[nodiscard]] std::span<const ArrayInfo> positions() const {
+        return std::span(arrays_).last(positions_);
+    }
+    /// arrays(), then positions(): all that have rows in the chunk table, in order.
+    [[nodiscard]] std::span<const ArrayInfo> all_arrays() const { return arrays_; }
     [[nodiscard]] std::uint64_t rows() const { return rows_; }
     [[nodiscard]] bool has(Field field) const;
     /// Whether the store has ranges of the cubes of this level.
@@ -264,6 +281,7 @@ class StoreLayout {
     StoreHeader header_;
     Lattice lattice_;
     std::vector<ArrayInfo> arrays_;
+    std::size_t positions_ = 0;  ///< number of arrays of positions
     std::uint64_t rows_ = 0;
 };
 
@@ -303,6 +321,9 @@ inline Double3 last_position(const StoreHeader& header) {
     return {header.origin[0] + way[0], header.origin[1] + way[1], header.origin[2] + way[2]};
 }
 
+/// The type in which the positions of the nodes are stored; null unless there are any.
+CurvedNodesPtr curved_of(const VolumeDescription& volume);
+
 /// The header of a store of this volume, with its nodes and position.
 inline StoreHeader header_of(const VolumeDescription& volume) {
     StoreHeader header;
@@ -312,6 +333,7 @@ inline StoreHeader header_of(const VolumeDescription& volume) {
     header.origin = volume.origin;
     header.direction = volume.direction;
     header.uneven = volume.uneven;
+    header.curved = curved_of(volume);
     header.labels = volume.labels;
     header.unit = volume.unit;
     header.frame = volume.frame;
@@ -331,8 +353,15 @@ std::string sheared_axes(const Int3& nodes, const std::array<Double3, 3>& steps)
 void require_right_angles(const Directions& direction, const std::string& name,
                           const std::string& what);
 
-/// Throws Error{unsupported} unless all axes are even.
-void require_even_axes(const UnevenAxesPtr& uneven, const std::string& name,
-                       const std::string& what);
+/// Throws Error{unsupported} unless all axes are even and the grid is not curvilinear.
+void require_even_axes(const StoreHeader& header, const std::string& name, const std::string& what);
+void require_even_axes(const VolumeDescription& volume, const std::string& what);
+/// Throws Error{unsupported} for a curvilinear grid.
+void require_not_curved(const StoreHeader& header, const std::string& name,
+                        const std::string& what);
+void require_not_curved(const VolumeDescription& volume, const std::string& what);
+
+/// The largest coordinate of a node of a curvilinear grid: meshes have 32-bit floats.
+inline constexpr double kMaxPosition = 1e37;
 
 }  // namespace isonest::detail

@@ -14,6 +14,7 @@
 #include "store/base/label_text.h"
 #include "store/base/length_unit.h"
 #include "store/bytes/store_bytes.h"
+#include "store/container/chunk_cache.h"
 #include "store/container/parts/header_reader.h"
 #include "store/remote/open_location.h"
 
@@ -204,6 +205,46 @@ Directions Store::direction() const {
 }
 UnevenAxesPtr Store::uneven_axes() const {
     return reader_->layout().header().uneven;
+}
+CurvedNodesPtr Store::curved() const {
+    return reader_->layout().header().curved;
+}
+std::vector<Double3> Store::positions(const Int3& first, const Int3& size) const {
+    const detail::StoreHeader& h = reader_->layout().header();
+    if (min(first, {0, 0, 0}) != Int3{0, 0, 0} || min(size, {0, 0, 0}) != Int3{0, 0, 0} ||
+        max(first + size, h.nodes) != h.nodes) {
+        throw Error(ErrorKind::invalid_argument, {path().string()},
+                    fmt::format("nodes {} {} {} to {} {} {} (exclusive) are not all in a volume of "
+                                "{} x {} x {}",
+                                first.x, first.y, first.z, first.x + size.x, first.y + size.y,
+                                first.z + size.z, h.nodes.x, h.nodes.y, h.nodes.z));
+    }
+    std::vector<Double3> found(static_cast<std::size_t>(size.product()));
+    if (h.curved && !found.empty()) {
+        detail::ChunkCache cache(*reader_, 0);
+        for (std::size_t a = 0; a < 3; ++a) {
+            const detail::ArrayInfo& array = reader_->layout().positions()[a];
+            dispatch(h.curved->type, [&](auto tag) {
+                using T = typename decltype(tag)::type;
+                const std::vector<T> numbers =
+                    detail::gather_components<T>(cache, array, first, size, 0, 1);
+                for (std::size_t i = 0; i < numbers.size(); ++i) {
+                    found[i].at(a) = static_cast<double>(numbers[i]);
+                }
+            });
+        }
+        return found;
+    }
+    const detail::LatticeSteps steps = h.steps();
+    const Directions rotation = h.rotation();
+    for (std::size_t i = 0; i < found.size(); ++i) {
+        const Int3 p = first + size.unlinear(static_cast<std::int64_t>(i));
+        const Double3 way = detail::rotated(
+            rotation, steps.vector({static_cast<double>(p.x), static_cast<double>(p.y),
+                                    static_cast<double>(p.z)}));
+        found[i] = {h.origin[0] + way[0], h.origin[1] + way[1], h.origin[2] + way[2]};
+    }
+    return found;
 }
 Double3 Store::spacing() const {
     return reader_->layout().header().spacing;

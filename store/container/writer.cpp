@@ -52,6 +52,7 @@ struct StoreWriter::Impl {
     std::uint64_t written = 0;
     int ranged = kFirstRangeLevel;  ///< the next level whose ranges are to be written
     bool named = false;             ///< the label names were written
+    std::optional<CurvedNodes> curved;
     mutable std::mutex hdf5;
 
     Impl(const std::filesystem::path& target, const StoreHeader& header, bool force,
@@ -89,13 +90,16 @@ void StoreWriter::Impl::create() {
         fail("create the file");
     }
     unfinished.created();
-    datasets.resize(layout.arrays().size());
+    datasets.resize(layout.all_arrays().size());
     const WrittenFile out = written_file();
     out.create_group("/levels");
     for (int level = 0; level <= layout.lattice().top(); ++level) {
         out.create_group(fmt::format("/levels/{}", level));
     }
-    for (const ArrayInfo& array : layout.arrays()) {
+    if (layout.header().curved) {
+        out.create_group("/positions");
+    }
+    for (const ArrayInfo& array : layout.all_arrays()) {
         create_array(array);
     }
     write_header(file.get(), layout.header());
@@ -132,21 +136,22 @@ void StoreWriter::Impl::create_array(const ArrayInfo& array) {
     }
     const auto level = static_cast<unsigned>(array.codec.level);
     H5Pset_filter(creation.get(), kZstdFilter, H5Z_FLAG_MANDATORY, 1, &level);
-    const TypeHandle type = array.field == Field::values ? file_type(layout.header().type)
-                            : layout.header().exact      ? file_type(ValueType::f32)
-                                                         : indicator_code_type();
+    const TypeHandle type = array.coordinate >= 0          ? file_type(layout.header().curved->type)
+                            : array.field == Field::values ? file_type(layout.header().type)
+                            : layout.header().exact        ? file_type(ValueType::f32)
+                                                           : indicator_code_type();
     DatasetHandle dataset(H5Dcreate2(file.get(), name.c_str(), type.get(), space.get(), H5P_DEFAULT,
                                      creation.get(), H5P_DEFAULT));
     if (!dataset.valid()) {
         fail("create a dataset");
     }
     write_attribute(dataset.get(), "first_chunk_row", array.first_row);
-    datasets[static_cast<std::size_t>(&array - layout.arrays().data())] = std::move(dataset);
+    datasets[static_cast<std::size_t>(&array - layout.all_arrays().data())] = std::move(dataset);
 }
 
 void StoreWriter::Impl::write_vtk_group() const {
-    if (layout.header().uneven) {
-        return;  // VTKHDF has no grid with uneven axes
+    if (layout.header().uneven || layout.header().curved) {
+        return;  // VTKHDF has no such grids
     }
     const WrittenFile out = written_file();
     const GroupHandle group = out.create_group("/VTKHDF");
@@ -179,6 +184,9 @@ void StoreWriter::Impl::write_table() const {
         return (row.flags & kChunkUnshuffled) != 0;
     });
     write_version_and_flags(file.get(), header);
+    if (curved) {
+        write_curved(file.get(), *curved);
+    }
     write_attribute(file.get(), "range", std::vector<double>{low, high});
     write_attribute(file.get(), "has_missing", missing);
     const std::optional<std::uint64_t> digest = header_digest(file.get());
@@ -231,7 +239,7 @@ std::uint64_t StoreWriter::bytes_written() const {
 void StoreWriter::write_chunk(const ArrayInfo& array, const Int3& chunk,
                               std::span<const std::byte> encoded, ChunkRow row) {
     const auto at = dims_of(array.first_node(chunk), 0);
-    const auto index = static_cast<std::size_t>(&array - impl_->layout.arrays().data());
+    const auto index = static_cast<std::size_t>(&array - impl_->layout.all_arrays().data());
     row.bytes = static_cast<std::uint32_t>(encoded.size());
     row.checksum = checksum_of(encoded);
     {
@@ -280,7 +288,7 @@ std::span<ChunkRow> StoreWriter::rows() {
 
 void StoreWriter::plan_chunk(const ArrayInfo& array, const Int3& chunk) {
     const auto at = dims_of(array.first_node(chunk), 0);
-    const auto index = static_cast<std::size_t>(&array - impl_->layout.arrays().data());
+    const auto index = static_cast<std::size_t>(&array - impl_->layout.all_arrays().data());
     ChunkRow& row = impl_->rows[array.row_of(chunk)];
     const std::lock_guard lock(impl_->hdf5);
     const QuietHdf5 quiet;
@@ -325,6 +333,10 @@ void StoreWriter::write_cube_ranges(int level, std::span<const CubeRange> ranges
     impl_->ranged = level + 1;
 }
 
+void StoreWriter::set_curved(const CurvedNodes& nodes) {
+    impl_->curved = nodes;
+}
+
 void StoreWriter::write_label_names(std::span<const LabelName> names) {
     const QuietHdf5 quiet;
     const std::lock_guard lock(impl_->hdf5);
@@ -355,6 +367,10 @@ void StoreWriter::finish() {
     if (impl_->layout.header().label_names != impl_->named) {
         throw Error(ErrorKind::io, {impl_->path.string()},
                     "names of labels were not written as the header says; this is a bug");
+    }
+    if ((impl_->layout.header().curved != nullptr) != impl_->curved.has_value()) {
+        throw Error(ErrorKind::io, {impl_->path.string()},
+                    "positions were not written as the header says; this is a bug");
     }
     impl_->write_table();
     const auto catalogue = make_catalogue(impl_->file.get(), impl_->layout,

@@ -47,6 +47,9 @@ class StoreWriter : public ChunkSource {
     /// says that there are label names, after all chunks. Throws Error{io}, and
     /// Error{invalid_argument} for invalid names.
     void write_label_names(std::span<const LabelName> names);
+    /// What the positions of a curvilinear grid are as a whole. REQUIRES: called once for such a
+    /// grid, after their chunks; the type is that of the header.
+    void set_curved(const CurvedNodes& nodes);
     [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override;
     void decode(const ArrayInfo& array, const Int3& chunk, std::span<std::byte> raw) const override;
     [[nodiscard]] std::uint64_t bytes_written() const;

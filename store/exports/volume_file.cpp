@@ -444,10 +444,12 @@ class FlatFile : public VolumeFile {
 std::unique_ptr<VolumeFile> create_volume_file(const std::filesystem::path& path,
                                                const VolumeFileSpec& spec) {
     const std::string ending = path.extension().string();
-    if (spec.uneven && ending != ".npy" && ending != ".raw") {
+    if ((spec.uneven || spec.is_curved) && ending != ".npy" && ending != ".raw") {
         throw Error(ErrorKind::unsupported, {path.string()},
-                    "the nodes of the volume lie at uneven distances, which this format cannot "
-                    "store",
+                    spec.is_curved
+                        ? "this format cannot store the positions of a curvilinear grid"
+                        : "the nodes of the volume lie at uneven distances, which this format "
+                          "cannot store",
                     {{RemedyKind::other_format, ".npy, .raw"}});
     }
     if (ending == ".h5" || ending == ".hdf5") {

@@ -54,7 +54,8 @@ struct VolumeFileSpec {
     AnatomicalFrame frame = AnatomicalFrame::unknown;
     /// Formats with a place hold only even axes.
     UnevenAxesPtr uneven = {};
-    bool is_int64 = false;  ///< the numbers are int64; `type` is another type of the same size
+    bool is_curved = false;  ///< the nodes are those of a curvilinear grid
+    bool is_int64 = false;   ///< the numbers are int64; `type` is another type of the same size
 };
 
 /// Chooses the format by the extension: .h5 or .hdf5 (dataset /data, [z, y, x], with attributes

@@ -197,6 +197,27 @@ def check_inputs(folder):
             require(np.array_equal(np.memmap(values, "u1", "r"), waves().reshape(-1)), f"other numbers from {path}")
 
 
+def check_curvilinear(folder):
+    """A grid whose positions take 24 times as much as its values: more than ten times the memory."""
+    data = waves()[::2, ::2, ::2]
+    side = len(data)
+    with netCDF4.Dataset(folder / "curved.nc", "w") as file:
+        for dim in "zyx":
+            file.createDimension(dim, side)
+        made = file.createVariable("v", "u1", tuple("zyx"), chunksizes=(16, 64, side))
+        made[:] = data
+        made.coordinates = "lon lat"
+        for name, units, step in (("lon", "degrees_east", (0.01, 0.2)), ("lat", "degrees_north", (0.2, -0.01))):
+            at = file.createVariable(name, "f8", ("y", "x"), zlib=True, chunksizes=(70, side))
+            at[:] = step[0] * np.arange(side)[:, None] + step[1] * np.arange(side)
+            at.units = units
+    store = folder / "curved.isonest"
+    command = ["preprocess", folder / "curved.nc", "--dataset", "v", "-o", store, "--chunk", 16, "--force"]
+    require(must_stay_within(command, "40M") is None, "40M are not enough for a curvilinear grid")
+    for more in ([], ["--normals"], ["--cells", "tet"]):
+        check(["extract", store, "--iso", 140, "-o", folder / "m.ply", *more], ["40M"])
+
+
 def check_labels(folder):
     """Labels, each in a part of the volume."""
     labels = made_store(folder, "labels", "sphere", "--size", 65, "--type", "uint8")
@@ -241,6 +262,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-memory-") as name:
     here = pathlib.Path(name)
     if INPUTS:
         check_inputs(here)
+        check_curvilinear(here)
         check_labels(here)
         check_pictures(here)
     else:

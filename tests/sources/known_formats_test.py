@@ -160,7 +160,6 @@ FILES = (
     ("v.hdr", analyze()[0], "an Analyze 7.5 header", "fslchfiletype NIFTI_GZ 'v.hdr' 'v'"),
     ("big.hdr", struct.pack(">i", 348) + bytes(36) + struct.pack(">4h", 3, 7, 6, 5) + bytes(300), "an Analyze 7.5 header", "fslchfiletype"),
     *((f"v.{kind.lower()}", VTK.format(kind).encode(), what, advice) for kind, what, advice in (
-        ("StructuredGrid", "a VTK curvilinear grid (.vts)", "Resample To Image"),
         ("UnstructuredGrid", "a VTK unstructured grid (.vtu)", "Resample To Image"),
         ("PolyData", "a VTK mesh (.vtp)", "no values"),
         ("PImageData", "pieces of a VTK image (.pvti)", "as one .vti"),
@@ -192,8 +191,7 @@ class Known(Input):
                 self.refuses(5, what)
 
     def test_what_vtk_writes(self):
-        for maker, writer, what in ((vtk.vtkStructuredGrid, vtk.vtkXMLStructuredGridWriter, "curvilinear grid"),
-                                    (vtk.vtkUnstructuredGrid, vtk.vtkXMLUnstructuredGridWriter, "unstructured grid"),
+        for maker, writer, what in ((vtk.vtkUnstructuredGrid, vtk.vtkXMLUnstructuredGridWriter, "unstructured grid"),
                                     (vtk.vtkPolyData, vtk.vtkXMLPolyDataWriter, "a VTK mesh")):
             made = writer()
             made.SetInputData(maker())

@@ -267,9 +267,9 @@ with tempfile.TemporaryDirectory() as folder:
     assert refused(say("LIA"), 0, 99)["frame"] is None  # of a later version
     assert refused(say("LIA"), 0, 9)["frame"] is None  # in 2.9 and before it is an arbitrary attribute
     assert refused(say("RAS"), 0, 99)["frame"] == "RAS"
-    # Reserved bits are refused, in this version and in a later one; those of 2.13 and 2.14 in older ones.
+    # Reserved bits are refused, in this version and in a later one; those of 2.13 to 2.15 in older ones.
     for bit in (3, 4, 5, 6):
-        for minor in (10, 13) if bit == 3 else (10, 12) if bit > 4 else (10, 99):
+        for minor in (10, 13) if bit == 3 else (10, 14) if bit == 4 else (10, 12) if bit > 4 else (10, 99):
             error = refused(lambda f: f.attrs.modify("flags", np.uint32(1 << bit)), 5, minor)["error"]
             assert error["kind"] == "unsupported" and "flags" in error["message"], error
     # The bit for sheared axes has existed since 2.11, and requires directions.
@@ -279,6 +279,9 @@ with tempfile.TemporaryDirectory() as folder:
     # The bit for uneven axes requires their offsets.
     for minor in (14, 99):
         assert "uneven" in refused(lambda f: f.attrs.modify("flags", np.uint32(8)), 4, minor)["error"]["message"]
+    # The bit for curvilinear grids requires what is known of the positions.
+    for minor in (15, 99):
+        assert "positions" in refused(lambda f: f.attrs.modify("flags", np.uint32(16)), 4, minor)["error"]["message"]
     print("h5py: the patient's axes are those that were said, and reserved bits are refused")
 
     # Names and colours of labels, with a checksum of their own.

@@ -292,7 +292,7 @@ StoreAnswers::StoreAnswers(const Store& store, const MemoryShares& shares, int t
       threads_(threads),
       quantities_(std::move(quantities)),
       first_(fetch_first_levels(store.reader())) {
-    require_even_axes(store.uneven_axes(), store.path().string(), "the viewer");
+    require_even_axes(store.reader().layout().header(), store.path().string(), "the viewer");
 }
 
 bool StoreAnswers::are_labels() const {

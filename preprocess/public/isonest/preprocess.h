@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include <isonest/curved_nodes.h>
 #include <isonest/data_rounding.h>
 #include <isonest/field.h>
 #include <isonest/int3.h>
@@ -49,6 +50,7 @@ struct PreprocessReport {
     bool has_missing = false;          ///< non-finite values were found and treated as missing data
     std::uint64_t label_names = 0;     ///< number of labels with a name or colour in the store
     std::uint64_t resumed_chunks = 0;  ///< reused from an interrupted run
+    CurvedNodesPtr curved = {};  ///< of a curvilinear grid: its nodes as a whole, folded cells
     bool input_on_disk = false;  ///< the input was first copied to temporary space (low memory)
     double seconds = 0;
 };

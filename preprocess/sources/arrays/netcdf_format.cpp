@@ -13,6 +13,7 @@
 #include "preprocess/sources/arrays/netcdf3_header.h"
 #include "preprocess/sources/bytes/header_words.h"
 #include "preprocess/sources/bytes/input_file.h"
+#include "preprocess/sources/placement/cf_positions.h"
 #include "preprocess/sources/placement/conventions.h"
 #include "preprocess/sources/placement/placed_array.h"
 #include "preprocess/sources/placement/placement.h"
@@ -381,6 +382,36 @@ void place_as_minc(const std::filesystem::path& path, const NetcdfHeader& header
     notes.insert(notes.end(), unsaid.begin(), unsaid.end());
 }
 
+/// The variables that give the nodes positions, if x and y have no coordinates along their axes.
+std::optional<CfPositions> find_positions(const NetcdfHeader& header, const NetcdfVariable& v,
+                                          const ChosenAxes& chosen) {
+    const auto& axis = chosen.axis;
+    const Int3& nodes = chosen.nodes;
+    if (!axis[0] || !axis[1] || !axis[2] || *axis[2] > *axis[1] || *axis[1] > *axis[0] ||
+        std::min({nodes.x, nodes.y, nodes.z}) < 2 ||
+        coordinates_of(header, v.dims[*axis[0]]) != nullptr ||
+        coordinates_of(header, v.dims[*axis[1]]) != nullptr) {
+        return std::nullopt;
+    }
+    std::vector<CfCoordinate> named;
+    for (const std::string& word : words_of(text_in(v, "coordinates"))) {
+        const NetcdfVariable* const found = variable_of(header, word);
+        if (found == nullptr || found->type == kText) {
+            continue;
+        }
+        CfCoordinate& c = named.emplace_back(CfCoordinate{word,
+                                                          {},
+                                                          text_in(*found, "units"),
+                                                          text_in(*found, "standard_name"),
+                                                          text_in(*found, "axis"),
+                                                          text_in(*found, "positive")});
+        for (const std::size_t d : found->dims) {
+            c.lengths.push_back(static_cast<std::int64_t>(header.dims[d].length));
+        }
+    }
+    return choose_positions(named, nodes);
+}
+
 std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const SourceOptions& options) {
     const std::filesystem::path& path = input.path();
     const NetcdfHeader header = read_netcdf3_header(path);
@@ -412,7 +443,18 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
             {header.dims[d].name, static_cast<std::int64_t>(header.dims[d].length), true});
     }
     UnevenCoordinates uneven;
-    if (minc) {
+    std::optional<CfPositions> at;
+    ChosenAxes chosen;
+    if (!minc && !options.spacing) {
+        chosen = choose_axes(array.axes, options.index, array.name);
+        at = find_positions(header, v, chosen);
+    }
+    if (at) {
+        // The steps of the lattice, which the positions replace.
+        for (std::size_t a = 0; a < 3; ++a) {
+            array.steps[*chosen.axis.at(a)].at(a) = 1;
+        }
+    } else if (minc) {
         place_as_minc(path, header, v, options, array, notes);
     } else {
         place_as_cf(path, header, v, options, array, uneven, notes);
@@ -422,6 +464,22 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
     array.layout.exact_length = false;
     array.layout.offset = v.begin;
     auto source = open_placed(array, options.index);
+    if (at) {
+        const std::size_t planes = v.dims[*chosen.axis[2]];
+        NodePositionsPtr positions = cf_positions(
+            *at, source->describe().nodes, coordinates_along(path, header, planes).numbers,
+            [&](const std::string& variable) {
+                SourceOptions own = options;
+                own.dataset = variable;
+                own.index.clear();
+                own.labels = false;
+                own.max_heap /= 4;  // there are three of them, beside the values
+                own.spacing = {1, 1, 1};
+                return open_netcdf3(input, own);
+            },
+            array.name, notes);
+        source = with_positions(std::move(source), std::move(positions));
+    }
     source = with_notes(with_uneven_axes(std::move(source), std::move(uneven)), std::move(notes));
     if (minc) {
         return source;

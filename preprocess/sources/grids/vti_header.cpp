@@ -116,7 +116,7 @@ class VtiReader {
                         {file_.name(), "VTI header"}, problem_);
         }
         if (!image_) {
-            corrupt("there is no ImageData or RectilinearGrid element");
+            corrupt("there is no ImageData, RectilinearGrid or StructuredGrid element");
         }
         if (header_.pieces.empty()) {
             throw Error(ErrorKind::corrupt, {file_.name(), "VTI header"},
@@ -159,7 +159,7 @@ class VtiReader {
         const std::string_view tag = name;
         auto& reader = *static_cast<VtiReader*>(self);
         --reader.nested_;
-        if (tag == "PointData" || tag == "CellData" || tag == "Coordinates") {
+        if (tag == "PointData" || tag == "CellData" || tag == "Coordinates" || tag == "Points") {
             reader.section_.clear();
         }
         reader.inline_ = 0;
@@ -196,18 +196,20 @@ class VtiReader {
         if (tag == "VTKFile") {
             const std::string type = text(attributes, "type");
             header_.rectilinear = type == "RectilinearGrid";
-            if (type != "ImageData" && !header_.rectilinear) {
-                return stop(fmt::format("the file type '{:.40}' is not supported; ImageData and "
-                                        "RectilinearGrid are",
+            header_.curved = type == "StructuredGrid";
+            if (type != "ImageData" && !header_.rectilinear && !header_.curved) {
+                return stop(fmt::format("the file type '{:.40}' is not supported; ImageData, "
+                                        "RectilinearGrid and StructuredGrid are",
                                         type),
                             true);
             }
             header_.big_endian = text(attributes, "byte_order") == "BigEndian";
             header_.wide = text(attributes, "header_type") == "UInt64";
             header_.compressor = text(attributes, "compressor");
-        } else if (tag == "RectilinearGrid" && header_.rectilinear) {
+        } else if ((tag == "RectilinearGrid" && header_.rectilinear) ||
+                   (tag == "StructuredGrid" && header_.curved)) {
             image_ = numbers(attributes, "WholeExtent", header_.extent);
-        } else if (tag == "ImageData" && !header_.rectilinear) {
+        } else if (tag == "ImageData" && !header_.rectilinear && !header_.curved) {
             image_ = numbers(attributes, "WholeExtent", header_.extent);
             numbers(attributes, "Origin", header_.origin);
             numbers(attributes, "Spacing", header_.grid.spacing);
@@ -217,7 +219,8 @@ class VtiReader {
             numbers(attributes, "Extent", extent);
             add_piece(extent);
         } else if (tag == "PointData" || tag == "CellData" ||
-                   (tag == "Coordinates" && header_.rectilinear)) {
+                   (tag == "Coordinates" && header_.rectilinear) ||
+                   (tag == "Points" && header_.curved)) {
             section_ = tag;
         } else if (tag == "DataArray" && !section_.empty() && !in_empty_piece_) {
             add_array(attributes);
@@ -274,7 +277,8 @@ class VtiReader {
                 fmt::format("the names of the arrays take more than {} MiB", kMaxTag >> 20U));
         }
         VtiPiece& piece = header_.pieces.back();
-        (section_ == "Coordinates" ? piece.coordinates : piece.arrays).push_back(array);
+        (section_ == "Coordinates" || section_ == "Points" ? piece.coordinates : piece.arrays)
+            .push_back(array);
         inline_ = array.format == "binary" && header_.compressor.empty() ? array.content : 0;
     }
 

@@ -29,11 +29,13 @@ struct VtiArray {
 struct VtiPiece {
     std::array<std::int64_t, 6> extent{};
     std::vector<VtiArray> arrays;
-    std::vector<VtiArray> coordinates = {};  ///< of a rectilinear grid: along x, y and z
+    /// Of a rectilinear grid: along x, y and z. Of a structured grid: its points.
+    std::vector<VtiArray> coordinates = {};
 };
 
 struct VtiHeader {
     bool rectilinear = false;  ///< the nodes lie at the coordinates of the piece, not on the grid
+    bool curved = false;       ///< the nodes lie at the points of the piece
     bool big_endian = false;
     bool wide = false;  ///< sizes have 64 bits
     std::string compressor;

@@ -422,6 +422,54 @@ std::unique_ptr<VolumeSource> open_array(PlacedArray& array, const VtiHeader& he
     return open_placed(array, options.index);
 }
 
+/// The positions of the nodes of a structured grid: one volume of the array of points for each
+/// component.
+NodePositionsPtr positions_of(const VtiHeader& header, const VtiArray& given,
+                              const PlacedArray& array, const SourceOptions& options) {
+    const VtiPiece& piece = header.pieces.front();
+    if (header.pieces.size() > 1 || piece.extent != header.extent) {
+        throw Error(ErrorKind::unsupported, {array.name},
+                    "the structured grid is in several pieces; in ParaView, save it as one");
+    }
+    if (given.of_cells) {
+        throw Error(ErrorKind::unsupported, {array.name},
+                    "these are values of the cells of a structured grid, which has positions of "
+                    "its points alone; in ParaView, apply the filter Cell Data to Point Data");
+    }
+    const ChosenAxes chosen = choose_axes(array.axes, options.index, array.name);
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (chosen.axis.at(a) != 2 - a) {
+            throw Error(ErrorKind::unsupported, {array.name},
+                        "an index cannot select a part of a curvilinear grid; crop it",
+                        {{RemedyKind::correct_numbers, "index"}});
+        }
+    }
+    if (piece.coordinates.size() != 1 || piece.coordinates.front().components != 3) {
+        throw Error(ErrorKind::corrupt, {array.name, "Points"},
+                    fmt::format("a structured grid has one array of points with three components, "
+                                "not {}",
+                                piece.coordinates.size() == 1
+                                    ? fmt::format("{}", piece.coordinates.front().components)
+                                    : fmt::format("{} arrays", piece.coordinates.size())));
+    }
+    auto positions = std::make_shared<NodePositions>();
+    for (std::int64_t a = 0; a < 3; ++a) {
+        PlacedArray points;
+        points.file = array.file;
+        points.name = fmt::format("{}:{}", array.file.name(), "Points");
+        set_type(piece.coordinates.front(), points);
+        set_place(header, piece.coordinates.front(), points);
+        points.own_spacing = true;
+        SourceOptions own = options;
+        own.labels = false;
+        own.max_heap /= 4;  // there are three of them, beside the values
+        own.index = {AxisIndex{"c", a}};
+        positions->coordinates.at(static_cast<std::size_t>(a)) =
+            open_array(points, header, piece.coordinates.front(), own);
+    }
+    return positions;
+}
+
 std::unique_ptr<VolumeSource> open_vti(const VolumeInput& input, const SourceOptions& options) {
     PlacedArray array;
     array.file = input.file;
@@ -432,6 +480,10 @@ std::unique_ptr<VolumeSource> open_vti(const VolumeInput& input, const SourceOpt
     set_type(given, array);
     set_place(header, given, array);
     array.own_spacing = options.spacing.has_value();
+    if (header.curved && !options.spacing) {
+        NodePositionsPtr positions = positions_of(header, given, array, options);
+        return with_positions(open_array(array, header, given, options), std::move(positions));
+    }
     if (!header.rectilinear) {
         return open_array(array, header, given, options);
     }
@@ -450,7 +502,7 @@ namespace isonest::detail {
 namespace {
 
 /// Decides by the type in the VTKFile tag or, if that is beyond the first bytes, by the words
-/// ImageData and RectilinearGrid.
+/// ImageData, RectilinearGrid and StructuredGrid.
 bool is_vti(std::string_view head) {
     const std::size_t tag = head.find("<VTKFile");
     if (tag == std::string_view::npos) {
@@ -463,19 +515,21 @@ bool is_vti(std::string_view head) {
         rest.remove_prefix(at + kType.size());
         if (is_whole) {
             return rest.size() > 1 && (rest.substr(1).starts_with("ImageData") ||
-                                       rest.substr(1).starts_with("RectilinearGrid"));
+                                       rest.substr(1).starts_with("RectilinearGrid") ||
+                                       rest.substr(1).starts_with("StructuredGrid"));
         }
     }
     return head.find("ImageData") != std::string_view::npos ||
-           head.find("RectilinearGrid") != std::string_view::npos;
+           head.find("RectilinearGrid") != std::string_view::npos ||
+           head.find("StructuredGrid") != std::string_view::npos;
 }
 
 }  // namespace
 
 VolumeFormat vti_format() {
     return {
-        .about = {"VTI", ".vti .vtr", "libexpat1-dev"}, .takes = {.dataset = true, .index = true},
-        .reads_urls = true,
+        .about = {"VTI", ".vti .vtr .vts", "libexpat1-dev"},
+        .takes = {.dataset = true, .index = true}, .reads_urls = true,
         .recognises = [](const VolumeInput& input) { return is_vti(input.head); },
 #if ISONEST_WITH_EXPAT
         .open = open_vti

@@ -24,6 +24,7 @@
 #include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/volume_format.h"
 #include "preprocess/sources/wrapping/cropped_source.h"
+#include "preprocess/sources/wrapping/label_names.h"
 #include "preprocess/sources/wrapping/scaled_source.h"
 #include "store/container/parts/hdf5_types.h"
 #include "store/files/open_file.h"
@@ -107,6 +108,12 @@ class Hdf5Source : public VolumeSource {
     /// Axes with decreasing coordinates.
     [[nodiscard]] const std::array<bool, 3>& backward() const { return place_.in_world.backward; }
     [[nodiscard]] const UnevenCoordinates& uneven() const { return place_.uneven; }
+    /// The datasets that give the nodes of a curvilinear grid their positions, if any.
+    [[nodiscard]] const std::optional<CfPositions>& positions() const { return positions_; }
+    /// The coordinates along z, if any.
+    [[nodiscard]] const std::vector<double>& heights() const {
+        return axes_[shape_.axes.front()].coordinates;
+    }
     [[nodiscard]] std::vector<std::string> notes() const override { return notes_; }
 
     [[nodiscard]] VolumeDescription describe() const override {
@@ -262,7 +269,14 @@ class Hdf5Source : public VolumeSource {
                      ? place_by_dialect(*dialect_, shape_, unpadded_nodes(), with_spacing, name_)
                      : hdf5_place(named(), shape_, axes_, options);
         add_notes(place_.notes);
-        add_notes(note_of_spacing(place_.said, nodes_, options));
+        // Not where x and y have coordinates along their axes.
+        if (!options.spacing && !dialect_ && shape_.axes.size() == 3 && is_in_order() &&
+            !place_.said[0] && !place_.said[1] && place_.in_world.direction == kAlongWorld) {
+            positions_ = hdf5_positions(named(), nodes_);
+        }
+        if (!positions_) {
+            add_notes(note_of_spacing(place_.said, nodes_, options));
+        }
         if (input_.is_remote()) {
             remote_numbers_ = open_remote_contiguous(input_, dataset_.get(), shape_,
                                                      {memory_type_.get(), type_}, name_);
@@ -583,6 +597,7 @@ class Hdf5Source : public VolumeSource {
     std::optional<Hdf5Dialect> dialect_;
     std::optional<SliceScaling> slices_;
     Hdf5Place place_;
+    std::optional<CfPositions> positions_;
     bool labels_ = false;    ///< the stored 64-bit integers are labels
     bool unsigned_ = false;  ///< the stored integers are signed, but mean unsigned ones
     std::vector<std::string> notes_;
@@ -604,7 +619,9 @@ std::unique_ptr<VolumeSource> open_hdf5_volume(const InputFile& file,
                                                const SourceOptions& options) {
     auto source = std::make_unique<Hdf5Source>(file, options);
     const Scaling scaling = source->scaling();
-    const std::array<bool, 3> back = source->backward();
+    const std::optional<CfPositions> at = source->positions();
+    const std::vector<double> heights = at ? source->heights() : std::vector<double>{};
+    const std::array<bool, 3> back = at ? std::array<bool, 3>{} : source->backward();
     UnevenCoordinates uneven = source->uneven();
     const std::optional<SliceScaling> slices = source->slices();
     const std::array<NodeRange, 3> part = source->without_padding();
@@ -615,6 +632,25 @@ std::unique_ptr<VolumeSource> open_hdf5_volume(const InputFile& file,
     }
     if (slices) {
         volume = scaled_by_slices(std::move(volume), *slices);
+    }
+    if (at) {
+        const VolumeDescription of = volume->describe();
+        std::vector<std::string> notes;
+        NodePositionsPtr positions = cf_positions(
+            *at, of.nodes, heights,
+            [&](const std::string& dataset) {
+                SourceOptions own = options;
+                own.dataset = dataset;
+                own.index.clear();
+                own.labels = false;
+                own.max_heap /= 4;  // there are three of them, beside the values
+                own.spacing = {1, 1, 1};
+                return open_hdf5_volume(file, own);
+            },
+            of.name, notes);
+        volume =
+            with_notes(with_positions(std::move(volume), std::move(positions)), std::move(notes));
+        return scaled(std::move(volume), scaling);
     }
     volume = with_uneven_axes(mirrored(std::move(volume), back), std::move(uneven));
     return scaled(std::move(volume), scaling);

@@ -347,4 +347,29 @@ Hdf5Place hdf5_place(const NamedDataset& of, const DatasetShape& shape,
     return place;
 }
 
+std::optional<CfPositions> hdf5_positions(const NamedDataset& of, const Int3& nodes) {
+    if (std::min({nodes.x, nodes.y, nodes.z}) < 2) {
+        return std::nullopt;
+    }
+    const QuietHdf5 quiet;
+    const std::string group = of.path.substr(0, of.path.rfind('/') + 1);
+    std::vector<CfCoordinate> named;
+    for (const std::string& word : words_of(text_of_attribute(of.dataset, "coordinates"))) {
+        const std::string path = word.starts_with('/') ? word : group + word;
+        const ObjectHandle found = open_inside(of.file, path);
+        if (!found.valid() || !is_dataset(found)) {
+            continue;
+        }
+        const auto text = [&](const char* attribute) {
+            return text_of_attribute(found.get(), attribute);
+        };
+        CfCoordinate& c = named.emplace_back(CfCoordinate{
+            path, {}, text("units"), text("standard_name"), text("axis"), text("positive")});
+        for (const hsize_t length : shape_of(found.get()).dims) {
+            c.lengths.push_back(static_cast<std::int64_t>(length));
+        }
+    }
+    return choose_positions(named, nodes);
+}
+
 }  // namespace isonest::detail

@@ -14,6 +14,7 @@
 #include <isonest/open_volume.h>
 
 #include "preprocess/sources/hdf5/hdf5_datasets.h"
+#include "preprocess/sources/placement/cf_positions.h"
 #include "preprocess/sources/placement/conventions.h"
 #include "preprocess/sources/placement/placement.h"
 
@@ -74,5 +75,9 @@ struct NamedDataset {
 /// spacing. Throws like place_in_world() and place_by_coordinates().
 Hdf5Place hdf5_place(const NamedDataset& of, const DatasetShape& shape,
                      const std::vector<Hdf5Axis>& axes, const SourceOptions& options);
+
+/// The datasets that give the `nodes` of a volume [z, y, x] their positions, as paths in the file:
+/// those that its attribute `coordinates` names, in its own group. Nullopt if there are none.
+std::optional<CfPositions> hdf5_positions(const NamedDataset& of, const Int3& nodes);
 
 }  // namespace isonest::detail

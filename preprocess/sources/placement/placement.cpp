@@ -397,7 +397,45 @@ class UnevenSource : public DescribedSource {
     VolumeDescription described_;
 };
 
+class PositionedSource : public DescribedSource {
+  public:
+    PositionedSource(std::unique_ptr<VolumeSource> inner, NodePositionsPtr positions)
+        : DescribedSource(std::move(inner)), described_(inner_source().describe()) {
+        const Int3& n = described_.nodes;
+        if (std::min({n.x, n.y, n.z}) < 2) {
+            throw Error(ErrorKind::unsupported, {described_.name},
+                        fmt::format("a curvilinear grid of {} x {} x {} nodes is not supported: it "
+                                    "needs at least two along each axis",
+                                    n.x, n.y, n.z),
+                        {{RemedyKind::place_in_world, "spacing"}});
+        }
+        for (const auto& coordinate : positions->coordinates) {
+            const VolumeDescription of = coordinate->describe();
+            if (of.nodes != n) {
+                throw Error(ErrorKind::corrupt, {of.name},
+                            fmt::format("positions of {} x {} x {} nodes, but the volume has {} x "
+                                        "{} x {}",
+                                        of.nodes.x, of.nodes.y, of.nodes.z, n.x, n.y, n.z));
+            }
+        }
+        described_.spacing = {1, 1, 1};
+        described_.origin = {0, 0, 0};
+        described_.direction = kAlongWorld;
+        described_.uneven = nullptr;
+        described_.curved = std::move(positions);
+    }
+    [[nodiscard]] VolumeDescription describe() const override { return described_; }
+
+  private:
+    VolumeDescription described_;
+};
+
 }  // namespace
+
+std::unique_ptr<VolumeSource> with_positions(std::unique_ptr<VolumeSource> inner,
+                                             NodePositionsPtr positions) {
+    return std::make_unique<PositionedSource>(std::move(inner), std::move(positions));
+}
 
 std::unique_ptr<VolumeSource> with_uneven_axes(std::unique_ptr<VolumeSource> inner,
                                                UnevenAxesPtr axes) {

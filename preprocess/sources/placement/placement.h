@@ -89,6 +89,11 @@ std::unique_ptr<VolumeSource> with_uneven_axes(std::unique_ptr<VolumeSource> inn
 std::unique_ptr<VolumeSource> with_uneven_axes(std::unique_ptr<VolumeSource> inner,
                                                UnevenCoordinates coordinates);
 
+/// `inner`, whose nodes lie at these positions instead. Throws Error{unsupported} if it has only
+/// one node along an axis, and Error{corrupt} if the positions are not of its nodes.
+std::unique_ptr<VolumeSource> with_positions(std::unique_ptr<VolumeSource> inner,
+                                             NodePositionsPtr positions);
+
 struct CoordinatePlace {
     /// From one node to the next; negative if the coordinates decrease.
     Double3 step{1, 1, 1};

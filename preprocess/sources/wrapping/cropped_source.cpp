@@ -16,6 +16,21 @@
 namespace isonest::detail {
 namespace {
 
+/// A source that several others read.
+class SharedSource : public WrappedSource {
+  public:
+    explicit SharedSource(std::shared_ptr<VolumeSource> inner)
+        : WrappedSource(*inner), shared_(std::move(inner)) {}
+    [[nodiscard]] std::span<const std::byte> mapped() const override { return shared_->mapped(); }
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        shared_->read(z0, nz, y0, ny, dst);
+    }
+
+  private:
+    std::shared_ptr<VolumeSource> shared_;
+};
+
 class CroppedSource : public WrappedSource {
   public:
     CroppedSource(std::unique_ptr<VolumeSource> inner, const Int3& lo, const Int3& nodes,
@@ -154,6 +169,11 @@ class CroppedSource : public WrappedSource {
             }
         }
         result.uneven = *uneven == UnevenAxes() ? nullptr : std::move(uneven);
+        if (given_.curved) {
+            result.spacing = {1, 1, 1};
+            result.curved = part_of(*given_.curved);
+            return result;
+        }
         shift = rotated(given_.direction, shift);
         for (std::size_t i = 0; i < 3; ++i) {
             result.origin.at(i) += shift.at(i);
@@ -161,6 +181,15 @@ class CroppedSource : public WrappedSource {
         result.direction =
             with_flat_axes_across(given_.direction, {nodes_.x == 1, nodes_.y == 1, nodes_.z == 1});
         return result;
+    }
+
+    [[nodiscard]] NodePositionsPtr part_of(const NodePositions& positions) const {
+        auto part = std::make_shared<NodePositions>();
+        for (std::size_t a = 0; a < 3; ++a) {
+            part->coordinates.at(a) = std::make_shared<CroppedSource>(
+                std::make_unique<SharedSource>(positions.coordinates.at(a)), lo_, nodes_, every_);
+        }
+        return part;
     }
 
     VolumeDescription given_;

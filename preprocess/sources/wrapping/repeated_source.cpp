@@ -11,6 +11,7 @@
 #include <isonest/open_volume.h>
 
 #include "preprocess/sources/wrapping/wrapped_source.h"
+#include "store/container/format.h"
 #include "store/lattice/lattice.h"
 
 namespace isonest::detail {
@@ -143,6 +144,7 @@ std::unique_ptr<VolumeSource> repeated(std::unique_ptr<VolumeSource> inner,
             }
             continue;
         }
+        require_not_curved(given, "a periodic axis");
         if (given.uneven) {
             throw Error(ErrorKind::unsupported, {given.name},
                         fmt::format("{} cannot be periodic: the nodes of this volume lie at uneven "

@@ -100,7 +100,7 @@ std::optional<std::vector<std::byte>> Hdf5View::catalogue(const StoreLayout& lay
 }
 
 std::string Hdf5View::Impl::vtk_fault(const StoreHeader& header) const {
-    if (header.uneven) {
+    if (header.uneven || header.curved) {
         return {};
     }
     const QuietHdf5 quiet;

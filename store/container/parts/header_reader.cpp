@@ -47,6 +47,32 @@ std::uint64_t offsets_digest(const UnevenAxes& axes) {
     return sum.value();
 }
 
+std::vector<double> position_numbers(const CurvedNodes& nodes) {
+    std::vector<double> numbers;
+    for (const Double3& three : {nodes.low, nodes.high, nodes.step}) {
+        numbers.insert(numbers.end(), three.begin(), three.end());
+    }
+    return numbers;
+}
+
+std::vector<std::uint64_t> position_folds(const CurvedNodes& nodes) {
+    const Int3& first = nodes.first_folded;
+    return {nodes.mirrored ? std::uint64_t{1} : std::uint64_t{0}, nodes.folded,
+            static_cast<std::uint64_t>(first.x), static_cast<std::uint64_t>(first.y),
+            static_cast<std::uint64_t>(first.z)};
+}
+
+std::uint64_t positions_digest(const CurvedNodes& nodes) {
+    const std::string_view type = name_of(nodes.type);
+    const std::vector<double> numbers = position_numbers(nodes);
+    const std::vector<std::uint64_t> folds = position_folds(nodes);
+    Checksum sum;
+    sum.add(std::as_bytes(std::span(type)));
+    sum.add(std::as_bytes(std::span(numbers)));
+    sum.add(std::as_bytes(std::span(folds)));
+    return sum.value();
+}
+
 std::uint64_t direction_digest(const Directions& direction) {
     return numbers_digest(flat_directions(direction));
 }
@@ -175,7 +201,10 @@ class Reader {
             damaged("no flags");
         }
         const std::uint64_t known =
-            out_.version >= FormatVersion{2, 14}
+            out_.version >= FormatVersion{2, 15}
+                ? kHasDirection | kHasLabels | kIsSheared | kIsUneven | kIsCurved | kSkipsShuffle |
+                      kIsRounded
+            : out_.version >= FormatVersion{2, 14}
                 ? kHasDirection | kHasLabels | kIsSheared | kIsUneven | kSkipsShuffle | kIsRounded
             : out_.version >= FormatVersion{2, 13}
                 ? kHasDirection | kHasLabels | kIsSheared | kSkipsShuffle | kIsRounded
@@ -190,6 +219,7 @@ class Reader {
         turned_ = ((*flags)[0] & kHasDirection) != 0;
         sheared_ = ((*flags)[0] & kIsSheared) != 0;
         uneven_ = ((*flags)[0] & kIsUneven) != 0;
+        curved_ = ((*flags)[0] & kIsCurved) != 0;
         out_.header.labels = ((*flags)[0] & kHasLabels) != 0;
         out_.header.skips_shuffle = ((*flags)[0] & kSkipsShuffle) != 0;
         rounded_ = ((*flags)[0] & kIsRounded) != 0;
@@ -235,6 +265,9 @@ class Reader {
         }
         if (uneven_) {
             read_uneven_axes();
+        }
+        if (curved_) {
+            read_curved_nodes();
         }
         if (out_.version >= FormatVersion{2, 7}) {
             read_unit();
@@ -290,6 +323,35 @@ class Reader {
                  .empty()) {
             damaged("damaged: its uneven axes have changed");
         }
+    }
+
+    void read_curved_nodes() {
+        const auto type = root_.text("position_type");
+        const auto known = type ? value_type_from_name(*type) : std::nullopt;
+        const auto numbers = root_.numbers("position_numbers", 9);
+        const auto folds = root_.integers("position_folds", 5);
+        const auto digest = root_.integers("position_xxh64", 1);
+        CurvedNodes nodes;
+        bool good = known && numbers && folds && digest && !turned_ && !uneven_;
+        if (good) {
+            nodes.type = *known;
+            for (std::size_t a = 0; a < 3; ++a) {
+                nodes.low.at(a) = (*numbers)[a];
+                nodes.high.at(a) = (*numbers)[3 + a];
+                nodes.step.at(a) = (*numbers)[6 + a];
+                nodes.first_folded[static_cast<int>(a)] =
+                    static_cast<std::int64_t>((*folds)[2 + a]);
+                good = good && nodes.low.at(a) <= nodes.high.at(a) && nodes.step.at(a) > 0 &&
+                       std::isfinite(nodes.step.at(a)) && nodes.low.at(a) >= -kMaxPosition &&
+                       nodes.high.at(a) <= kMaxPosition;
+            }
+            nodes.mirrored = (*folds)[0] == 1;
+            nodes.folded = (*folds)[1];
+        }
+        if (!good || positions_digest(nodes) != (*digest)[0]) {
+            damaged("damaged: what it says of the positions of the nodes has changed");
+        }
+        out_.header.curved = std::make_shared<const CurvedNodes>(nodes);
     }
 
     /// Newer versions may know more units.
@@ -392,6 +454,7 @@ class Reader {
     bool turned_ = false;   ///< the axes are not parallel to the world's
     bool sheared_ = false;  ///< the axes are not at right angles
     bool uneven_ = false;   ///< some axes are uneven
+    bool curved_ = false;   ///< each node has a position of its own
     bool rounded_ = false;  ///< the values were rounded
     RootAttributes out_;
 };

@@ -33,6 +33,12 @@ inline constexpr std::array<const char*, 3> kOffsets{"offsets_x", "offsets_y", "
 /// XXH64 of the offsets along x, y and z as stored, one axis after the other.
 std::uint64_t offsets_digest(const UnevenAxes& axes);
 
+/// The attributes `position_numbers` and `position_folds`, and XXH64 of both and `position_type` as
+/// stored.
+std::vector<double> position_numbers(const CurvedNodes& nodes);
+std::vector<std::uint64_t> position_folds(const CurvedNodes& nodes);
+std::uint64_t positions_digest(const CurvedNodes& nodes);
+
 /// The two numbers of the attribute `tolerance`.
 std::vector<double> rounding_numbers(const DataRounding& rounding);
 

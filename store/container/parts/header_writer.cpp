@@ -43,6 +43,7 @@ void write_version_and_flags(hid_t root, const StoreHeader& header) {
                         (header.labels ? kHasLabels : std::uint32_t{0}) |
                         (header.is_sheared() ? kIsSheared : std::uint32_t{0}) |
                         (header.uneven ? kIsUneven : std::uint32_t{0}) |
+                        (header.curved ? kIsCurved : std::uint32_t{0}) |
                         (header.skips_shuffle ? kSkipsShuffle : std::uint32_t{0}) |
                         (header.rounding.none() ? std::uint32_t{0} : kIsRounded));
 }
@@ -93,6 +94,13 @@ void write_header(hid_t root, const StoreHeader& header) {
         write_attribute(root, "tolerance", rounding_numbers(header.rounding));
         write_attribute(root, "tolerance_xxh64", numbers_digest(rounding_numbers(header.rounding)));
     }
+}
+
+void write_curved(hid_t root, const CurvedNodes& nodes) {
+    write_attribute(root, "position_type", std::string(name_of(nodes.type)));
+    write_attribute(root, "position_numbers", position_numbers(nodes));
+    write_attribute(root, "position_folds", position_folds(nodes));
+    write_attribute(root, "position_xxh64", positions_digest(nodes));
 }
 
 void write_vtk_attributes(hid_t group, const StoreHeader& header) {

@@ -21,6 +21,9 @@ void write_header(hid_t root, const StoreHeader& header);
 /// Writes these two again. Throws Error{io}.
 void write_version_and_flags(hid_t root, const StoreHeader& header);
 
+/// Writes what the header says of the positions of a curvilinear grid. Throws Error{io}.
+void write_curved(hid_t root, const CurvedNodes& nodes);
+
 /// Writes the attributes of the group /VTKHDF, which tell ParaView the position of the image.
 /// Throws Error{io}.
 void write_vtk_attributes(hid_t group, const StoreHeader& header);

@@ -23,12 +23,22 @@ namespace isonest::detail {
 namespace {
 
 /// In the order of FORMAT.md.
-constexpr std::array<const char*, 27> kAttributes{
-    "format",      "version",         "flags",       "nodes",           "spacing",   "origin",
-    "value_type",  "chunk",           "compression", "exact",           "fields",    "range",
-    "has_missing", "xxh64",           "direction",   "direction_xxh64", "offsets_x", "offsets_y",
-    "offsets_z",   "offsets_xxh64",   "unit",        "unit_xxh64",      "frame",     "frame_xxh64",
-    "tolerance",   "tolerance_xxh64", "complete"};
+constexpr std::array<const char*, 31> kAttributes{"format",         "version",
+                                                  "flags",          "nodes",
+                                                  "spacing",        "origin",
+                                                  "value_type",     "chunk",
+                                                  "compression",    "exact",
+                                                  "fields",         "range",
+                                                  "has_missing",    "xxh64",
+                                                  "direction",      "direction_xxh64",
+                                                  "offsets_x",      "offsets_y",
+                                                  "offsets_z",      "offsets_xxh64",
+                                                  "position_type",  "position_numbers",
+                                                  "position_folds", "position_xxh64",
+                                                  "unit",           "unit_xxh64",
+                                                  "frame",          "frame_xxh64",
+                                                  "tolerance",      "tolerance_xxh64",
+                                                  "complete"};
 
 std::optional<AttributeKind> kind_of(hid_t type) {
     const std::size_t size = H5Tget_size(type);
@@ -147,7 +157,7 @@ class Maker {
     }
 
     void add_totals() {
-        for (const ArrayInfo& array : layout_.arrays()) {
+        for (const ArrayInfo& array : layout_.all_arrays()) {
             if (array.alias) {
                 continue;
             }

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include <isonest/curved_nodes.h>
 #include <isonest/data_rounding.h>
 #include <isonest/field.h>
 #include <isonest/frame.h>
@@ -62,6 +63,13 @@ class Store {
     [[nodiscard]] Double3 spacing() const;
     /// The axes along which the distances between nodes differ; null if there are none.
     [[nodiscard]] UnevenAxesPtr uneven_axes() const;
+    /// For a curvilinear grid: what is known of its nodes as a whole. Its spacing() is 1 and its
+    /// origin() 0: they are those of the lattice. Null for other grids.
+    [[nodiscard]] CurvedNodesPtr curved() const;
+    /// The world positions of the `size` nodes starting at `first`, x fastest, of any grid. Decodes
+    /// the chunks that contain them. Throws Error{invalid_argument} unless 0 <= first and first +
+    /// size <= nodes(), and Error{corrupt, io}.
+    [[nodiscard]] std::vector<Double3> positions(const Int3& first, const Int3& size) const;
     [[nodiscard]] Double3 origin() const;
     /// Directions of the axes: kAlongWorld unless the volume is rotated or sheared.
     [[nodiscard]] Directions direction() const;

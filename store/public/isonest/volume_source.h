@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -20,6 +21,17 @@
 
 namespace isonest {
 
+class VolumeSource;
+
+/// Where the nodes of a curvilinear grid lie.
+struct NodePositions {
+    /// Volumes with the nodes of the grid, whose values are their world coordinates x, y and z.
+    std::array<std::shared_ptr<VolumeSource>, 3> coordinates;
+};
+
+/// Null: the grid is not curvilinear.
+using NodePositionsPtr = std::shared_ptr<const NodePositions>;
+
 /// The position in time of a volume that is a part of an array with an axis of times.
 struct VolumeTime {
     /// The coordinate on the axis; nullopt if the file gives none.
@@ -29,7 +41,8 @@ struct VolumeTime {
 };
 
 /// Description of a volume. Node p lies at origin + the sum over the axes of direction * spacing *
-/// p, or along an uneven axis of direction * offset of p.
+/// p, or along an uneven axis of direction * offset of p. Nodes of a curvilinear grid lie where
+/// `curved` says; it has neither a spacing (1), nor an origin (0), nor directions.
 struct VolumeDescription {
     Int3 nodes{1, 1, 1};  ///< per axis, each >= 1
     ValueType type = ValueType::f32;
@@ -44,6 +57,7 @@ struct VolumeDescription {
     std::optional<VolumeTime> time =
         {};                     ///< nullopt: there is no axis of times, or it is not known
     UnevenAxesPtr uneven = {};  ///< null: all axes are even
+    NodePositionsPtr curved = {};
 };
 
 /// A scalar volume that is read in slabs of whole or partial planes. Only describe(), identity()

@@ -24,7 +24,7 @@ VOLUMES = {"": ("volume.raw", (9, 8, 7), "int16"), "-flat": ("flat.raw", (9, 8, 
            "-tiny": ("tiny.raw", (3, 3, 3), "uint8"), "-turned": ("turned.nhdr", None, None),
            "-named": ("tiny.raw", (3, 3, 3), "uint8"), "-framed": ("tiny.raw", (3, 3, 3), "uint8"),
            "-own": ("tiny.raw", (3, 3, 3), "uint8"), "-unshuffled": ("eight.raw", (9, 8, 7), "float32"),
-           "-uneven": ("uneven.vtr", None, None)}
+           "-uneven": ("uneven.vtr", None, None), "-curved": ("curved.vts", None, None)}
 # Label names of "-named", in the form of FORMAT.md, section 3.
 NAMES = "0 background\n13 Übergang 255 0 10 255\n26 end 1 2 3\n900 nowhere\n"
 # The same numbers as volume.raw, on axes that are not along the world's.
@@ -37,6 +37,14 @@ space directions: (0.6,0.8,0) (-1.6,1.2,0) (0,0,0.5)
 endian: little
 encoding: raw
 data file: volume.raw
+"""
+# The same numbers as tiny.raw, at positions of their own.
+CURVED = """<?xml version="1.0"?>
+<VTKFile type="StructuredGrid" version="0.1" byte_order="LittleEndian">
+<StructuredGrid WholeExtent="0 2 0 2 0 2"><Piece Extent="0 2 0 2 0 2">
+<PointData><DataArray type="UInt8" Name="v" format="ascii">{}</DataArray></PointData>
+<Points><DataArray type="Float32" NumberOfComponents="3" format="ascii">{}</DataArray></Points>
+</Piece></StructuredGrid></VTKFile>
 """
 # The same numbers as tiny.raw, on axes of which x is even.
 UNEVEN = """<?xml version="1.0"?>
@@ -74,6 +82,9 @@ def make_volumes():
         np.save(HERE / "own.npy", numbers["tiny.raw"][::-1].reshape(3, 3, 3))
     if not (HERE / "uneven.vtr").exists():
         (HERE / "uneven.vtr").write_text(UNEVEN.format(" ".join(map(str, numbers["tiny.raw"]))))
+    if not (HERE / "curved.vts").exists():
+        (HERE / "curved.vts").write_text(CURVED.format(" ".join(map(str, numbers["tiny.raw"])), " ".join(
+            f"{2 * x + y / 4} {y + x * z / 8} {z - x * y / 8}" for z in range(3) for y in range(3) for x in range(3))))
     if not (HERE / "turned.nhdr").exists():
         (HERE / "turned.nhdr").write_text(TURNED)
 
@@ -98,6 +109,8 @@ def make_good(version):
         if suffix == "-unshuffled" and tuple(map(int, version.split("."))) < (2, 13):
             continue
         if suffix == "-uneven" and tuple(map(int, version.split("."))) < (2, 14):
+            continue
+        if suffix == "-curved" and tuple(map(int, version.split("."))) < (2, 15):
             continue
         if suffix == "-own":
             command += ["--own", f"size={HERE / 'own.npy'}"]

@@ -329,7 +329,7 @@ Result extract_volume(ExtractCommand& arguments, bool has_iso, Progress& progres
         // Checked now, before time is spent on making a store.
         const VolumeDescription d = volume->describe();
         require_combination(features_of(arguments.surface_query(nullptr),
-                                        {Lattice(d.nodes).dimension(), d.uneven != nullptr}),
+                                        {Lattice(d.nodes).dimension(), is_uneven(d)}),
                             a.store);
     }
     if (!has_iso && !a.is_graph && !arguments.labels.one && !arguments.labels.several) {

@@ -152,6 +152,38 @@ Json uneven_json(const UnevenAxesPtr& uneven) {
     return json;
 }
 
+/// What a store says of the positions of a curvilinear grid's nodes.
+std::string curved_text(const CurvedNodes& nodes, std::optional<LengthUnit> unit,
+                        AnatomicalFrame frame) {
+    const auto three = [](const Double3& v) {
+        return fmt::format("{:g} {:g} {:g}", v[0], v[1], v[2]);
+    };
+    const Int3& first = nodes.first_folded;
+    return fmt::format("curvilinear: {} positions from {} to {}, mean step {}{}, {}, {}\n{}\n",
+                       name_of(nodes.type), three(nodes.low), three(nodes.high), three(nodes.step),
+                       nodes.mirrored ? ", mirrored" : "",
+                       unit ? fmt::format("unit {} ({})", symbol_of(*unit), name_of(*unit))
+                            : std::string("unknown unit"),
+                       frame == AnatomicalFrame::unknown ? std::string("unknown patient axes")
+                                                         : fmt::format("axes {}", name_of(frame)),
+                       nodes.folded == 0
+                           ? std::string("no folded cells")
+                           : fmt::format("{} folded cells, the first at node {} {} {}",
+                                         nodes.folded, first.x, first.y, first.z));
+}
+
+Json curved_json(const CurvedNodesPtr& nodes) {
+    return !nodes
+               ? Json()
+               : Json{{"type", name_of(nodes->type)},
+                      {"low", nodes->low},
+                      {"high", nodes->high},
+                      {"step", nodes->step},
+                      {"mirrored", nodes->mirrored},
+                      {"folded_cells", nodes->folded},
+                      {"first_folded", nodes->folded == 0 ? Json() : to_json(nodes->first_folded)}};
+}
+
 /// "unit mm (millimetre), axes RAS", and the directions of the axes.
 std::string place_text(const Double3& spacing, const Double3& origin,
                        std::optional<LengthUnit> unit, AnatomicalFrame frame,
@@ -189,6 +221,7 @@ Result describe_volume(const VolumeSource& volume, const std::string& name,
                    {"labels", source.labels},
                    {"spacing", d.spacing},
                    {"uneven", uneven_json(d.uneven)},
+                   {"curvilinear", d.curved != nullptr},
                    {"origin", d.origin},
                    {"direction", d.direction},
                    {"sheared", !are_directions(d.direction)},
@@ -198,7 +231,8 @@ Result describe_volume(const VolumeSource& volume, const std::string& name,
     result.text = fmt::format(
         "{}: a volume, {} x {} x {} {}, {}\n{}", name, d.nodes.x, d.nodes.y, d.nodes.z, type,
         human_bytes(bytes),
-        place_text(d.spacing, d.origin, d.unit, d.frame, d.direction, d.uneven, d.nodes));
+        (d.curved ? "curvilinear: each node has a position; on its lattice, " : "") +
+            place_text(d.spacing, d.origin, d.unit, d.frame, d.direction, d.uneven, d.nodes));
     if (source.missing) {
         result.json["missing"] = *source.missing;
         result.text += fmt::format("the value {:g} stands for missing data\n", *source.missing);
@@ -238,6 +272,7 @@ Result describe_store(const Store& opened, const InfoArguments& a, const std::st
                    {"labels", h.labels},
                    {"spacing", h.spacing},
                    {"uneven", uneven_json(h.uneven)},
+                   {"curvilinear", curved_json(h.curved)},
                    {"origin", h.origin},
                    {"direction", h.direction},
                    {"sheared", h.is_sheared()},
@@ -266,7 +301,8 @@ Result describe_store(const Store& opened, const InfoArguments& a, const std::st
         "{:>5} {:<14} {:>18} {:>8} {:>10} {:>7}  {}\n",
         path, h.nodes.x, h.nodes.y, h.nodes.z, type_of_values(h),
         store.layout().lattice().top() + 1, human_bytes(static_cast<double>(store.file_bytes())),
-        place_text(h.spacing, h.origin, h.unit, h.frame, h.direction, h.uneven, h.nodes),
+        h.curved ? curved_text(*h.curved, h.unit, h.frame)
+                 : place_text(h.spacing, h.origin, h.unit, h.frame, h.direction, h.uneven, h.nodes),
         value_text(h.labels, store.min_value(), store.max_value()),
         store.has_missing() ? ", some missing" : "",
         h.rounding.none() ? "" : "; rounded: " + text_of(h.rounding),
@@ -345,7 +381,8 @@ Result describe_series(const Series& series, const InfoArguments& a) {
     result.text += fmt::format(
         ", each {} x {} x {} {}\n{}times {} to {}{}\n\n{:>6} {:>16} {:>10}  {}\n{}", h.nodes.x,
         h.nodes.y, h.nodes.z, type_of_values(h),
-        place_text(h.spacing, h.origin, h.unit, h.frame, h.direction, h.uneven, h.nodes),
+        h.curved ? curved_text(*h.curved, h.unit, h.frame)
+                 : place_text(h.spacing, h.origin, h.unit, h.frame, h.direction, h.uneven, h.nodes),
         time_text(series.steps().front().time), time_text(series.steps().back().time),
         time_suffix(series.time_unit()), "step", "time", "size", "store", lines);
     return result;

@@ -197,6 +197,7 @@ Result preprocess_volume(PreprocessArguments& a, Communicator* ranks, Progress& 
                    {"label_names", r.label_names},
                    {"resumed_chunks", r.resumed_chunks},
                    {"input_on_disk", r.input_on_disk},
+                   {"folded_cells", r.curved ? Json(r.curved->folded) : Json()},
                    {"notes", source->notes()},
                    {"seconds", r.seconds}};
     result.text = fmt::format(
@@ -219,6 +220,13 @@ Result preprocess_volume(PreprocessArguments& a, Communicator* ranks, Progress& 
     }
     if (r.label_names > 0) {
         result.text += fmt::format("names or colours of {} labels\n", r.label_names);
+    }
+    if (r.curved && r.curved->folded > 0) {
+        const Int3& first = r.curved->first_folded;
+        result.text += fmt::format(
+            "note: {} cells of the curvilinear grid are folded or flat, the first at node {} {} "
+            "{}\n",
+            r.curved->folded, first.x, first.y, first.z);
     }
     for (const std::string& note : source->notes()) {
         result.text += fmt::format("note: {}\n", note);

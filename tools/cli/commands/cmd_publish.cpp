@@ -124,7 +124,7 @@ Store open_for_page(const std::string& location, Progress& progress) {
     RemoteArguments remote;
     std::uint64_t memory = kMemory;
     Store opened = open_required_store(location, remote, memory, progress);
-    require_even_axes(opened.uneven_axes(), shown_location(location), "a page");
+    require_even_axes(opened.reader().layout().header(), shown_location(location), "a page");
     if (opened.reader().catalogue() == nullptr) {
         throw Error(ErrorKind::unsupported, {shown_location(location)},
                     fmt::format("is a store of version {}, without the footer that pages need",

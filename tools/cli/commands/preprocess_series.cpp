@@ -242,6 +242,8 @@ VolumeDescription description_of(const Store& store) {
     d.labels = store.reader().layout().header().labels;
     d.spacing = store.spacing();
     d.uneven = store.uneven_axes();
+    // That there are positions; each step has its own.
+    d.curved = store.curved() ? std::make_shared<const NodePositions>() : nullptr;
     d.origin = store.origin();
     d.direction = store.direction();
     d.unit = store.unit();
@@ -271,6 +273,9 @@ std::string difference(const VolumeDescription& own, const VolumeDescription& fi
     if ((own.uneven == nullptr) != (first.uneven == nullptr) ||
         (own.uneven && *own.uneven != *first.uneven)) {
         return "its nodes lie at other places along the axes than those of the series";
+    }
+    if ((own.curved == nullptr) != (first.curved == nullptr)) {
+        return "one of them is a curvilinear grid and the other is not";
     }
     if (own.origin != first.origin) {
         return but("origin is", three(own.origin), three(first.origin));

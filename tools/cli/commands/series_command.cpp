@@ -41,7 +41,8 @@ void require_same_place(const Store& first, const Store& other) {
     const UnevenAxesPtr others = other.uneven_axes();
     const bool same_axes =
         (uneven == nullptr) == (others == nullptr) && (uneven == nullptr || *uneven == *others);
-    if (!same_axes || !(other.nodes() == first.nodes()) || other.type() != first.type() ||
+    if (!same_axes || (first.curved() == nullptr) != (other.curved() == nullptr) ||
+        !(other.nodes() == first.nodes()) || other.type() != first.type() ||
         other.spacing() != first.spacing() || other.origin() != first.origin() ||
         other.direction() != first.direction()) {
         throw Error(ErrorKind::corrupt, {other.path().string()},

@@ -29,6 +29,7 @@ Georeference parse_georeference(const std::string& text) {
 /// are.
 void set_lattice(const StoreHeader& header, const std::optional<std::array<double, 2>>& heights,
                  TilesetOptions& options) {
+    require_not_curved(header, {}, "a tileset");
     const LatticeSteps steps = header.steps();
     options.origin = header.origin;
     options.axes = header.rotation();

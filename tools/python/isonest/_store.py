@@ -169,15 +169,40 @@ class Store(Extracting):
 
     def require_even_axes(self, what: str) -> None:
         """Raises ValueError, naming ``what`` needs it, if nodes lie at uneven distances: :attr:`spacing` is then a mean."""
+        if self.curvilinear:
+            raise ValueError(f"{what} needs straight axes, but the grid of {self.path} is curvilinear; resample the volume, or "
+                             "preprocess it with spacing=")
         if any(self._core.uneven):
             raise ValueError(f"{what} needs evenly spaced axes, but the nodes of {self.path} lie at uneven distances; resample "
                              "the volume, or preprocess it with spacing=")
 
     @property
+    def curvilinear(self) -> bool:
+        """Whether each node has a position of its own: :meth:`positions`. Then :attr:`spacing` is 1 and :attr:`origin` 0."""
+        return self._core.curved is not None
+
+    @property
+    def folded_cells(self) -> int:
+        """The number of cells of a curvilinear grid that are turned over, or have an edge or a face without extent."""
+        return self._core.curved["folded"] if self.curvilinear else 0
+
+    def positions(self, box: Optional[tuple[slice, ...]] = None) -> np.ndarray:
+        """The world positions of the nodes, [z, y, x, 3], with x, y and z in the last axis; of the nodes in ``box``, three
+        slices (z, y, x) with steps of 1, or of all."""
+        ranges = [s.indices(n) for s, n in zip(box or (slice(None),) * 3, self.shape)]
+        if len(ranges) != 3 or any(step != 1 for _, _, step in ranges):
+            raise ValueError("positions takes three slices with steps of 1")
+        first = [start for start, _, _ in ranges]
+        size = [max(stop - start, 0) for start, stop, _ in ranges]
+        return self._core.positions(first=first[::-1], size=size[::-1])
+
+    @property
     def coordinates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The coordinates of the nodes along each axis, (z, y, x), in world units. Along an axis whose nodes lie at uneven
         distances, :attr:`spacing` is their mean. Of a rotated or sheared volume: the distances along the axes from the
-        first node."""
+        first node. A curvilinear grid has none (ValueError)."""
+        if self.curvilinear:
+            raise ValueError(f"the grid of {self.path} is curvilinear: use positions()")
         straight = self._core.direction == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
         along = []
         for count, step, first, offsets in zip(self.shape, self.spacing, self.origin, backwards(self._core.uneven)):

@@ -454,6 +454,34 @@ void add_stores(py::module_& module) {
                                    return axes ? axes->offsets
                                                : std::array<std::vector<double>, 3>{};
                                })
+        .def_property_readonly(
+            "curved",
+            [](const OpenStore& s) -> py::object {
+                const CurvedNodesPtr nodes = s.get()->curved();
+                if (!nodes) {
+                    return py::none();
+                }
+                return py::dict(
+                    "low"_a = nodes->low, "high"_a = nodes->high, "step"_a = nodes->step,
+                    "mirrored"_a = nodes->mirrored, "folded"_a = nodes->folded,
+                    "first_folded"_a = std::array{nodes->first_folded.x, nodes->first_folded.y,
+                                                  nodes->first_folded.z});
+            })
+        .def(
+            "positions",
+            [](const OpenStore& s, const std::array<std::int64_t, 3>& first,
+               const std::array<std::int64_t, 3>& size) {
+                std::vector<Double3> found;
+                {
+                    const py::gil_scoped_release release;
+                    found = s.get()->positions({first[0], first[1], first[2]},
+                                               {size[0], size[1], size[2]});
+                }
+                py::array_t<double> out({size[2], size[1], size[0], std::int64_t{3}});
+                std::copy_n(found.data()->data(), 3 * found.size(), out.mutable_data());
+                return out;
+            },
+            "first"_a, "size"_a)
         .def_property_readonly("origin", [](const OpenStore& s) { return s.get()->origin(); })
         .def_property_readonly("frame",
                                [](const OpenStore& s) {
