@@ -96,7 +96,7 @@ OPTIONS = {
         "--cull-by": (["--cull-by", "grad_linf_plus"], ["--error", "5", "--view", "1,0,0"]),
         "--vertices": (["--vertices", "exact"], ["--error", "20"]), "--cells": (["--cells", "{cells}"], []),
         "--label": "label", "--labels": "label", "--smooth": (["--smooth"], []), "--keep-nodes": (["--keep-nodes"], []),
-        "--interfaces": (["--interfaces"], []), "--format": (["--format", "stl"], []), "--georeference": (["--georeference", "1,2"], ["--format", "3dtiles"]), "--normals": (["--normals"], []),
+        "--interfaces": (["--interfaces"], []), "--manifold": (["--manifold"], []), "--format": (["--format", "stl"], []), "--georeference": (["--georeference", "1,2"], ["--format", "3dtiles"]), "--normals": (["--normals"], []),
         "--vertex-values": (["--vertex-values", "{here}/other.isonest"], []),
         "--vertex-error": (["--vertex-error", "deviation_bar"], []), "--quality": (["--quality"], []), "--times": (["--times", "1"], []),
         "--space": (["--space", "lps"], []), "--up": (["--up", "y"], []),

@@ -544,6 +544,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
     CLI::Option* const close = add_close_option(c, a->close);
     close->excludes(graph);
     c->add_flag("--volume-interval", a->volume_interval)->needs(close);
+    c->add_flag("--manifold", a->manifold)->excludes(graph);
     add_parsed(c, "--scale", [a](const std::string& text) {
         a->scale = parse_number("--scale", text);
     })->needs(graph);

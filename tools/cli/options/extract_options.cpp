@@ -467,6 +467,32 @@ ExtractOptions options_of(const ExtractArguments& a) {
     return options;
 }
 
+std::string manifold_text(const ExtractReport& r) {
+    if (!r.manifold || r.triangles == 0) {
+        return "";
+    }
+    const auto& [edges, vertices, copies] = *r.manifold;
+    std::string text;
+    if (copies > 0) {
+        text += fmt::format("{} vertices were added where the surface touches itself.\n", copies);
+    }
+    if (edges > 0 || vertices > 0) {
+        text += fmt::format(
+            "The surface touches itself in {} edges with more than two triangles and {} vertices{}."
+            "\n",
+            edges, vertices, copies > 0 ? "" : "; --manifold separates them");
+    }
+    return text;
+}
+
+void add_manifold_json(const ExtractReport& r, Json& json) {
+    if (r.manifold) {
+        json["nonmanifold_edges"] = r.manifold->edges;
+        json["nonmanifold_vertices"] = r.manifold->vertices;
+        json["split_vertices"] = r.manifold->copies;
+    }
+}
+
 Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
     const std::string cells = r.traversal.cells == Cells::hexahedra ? "hexahedra" : "tetrahedra";
     Json json = {{"mesh", a.mesh},
@@ -500,6 +526,7 @@ Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
         json["area"] = r.measures->area;
         json["volume"] = r.measures->volume ? Json(*r.measures->volume) : Json();
     }
+    add_manifold_json(r, json);
     if (r.quality) {
         json["smallest_angle"] = {
             {"min", r.quality->least},     {"q0.1%", r.quality->per_mille},

@@ -148,6 +148,10 @@ std::string volume_text(const Store& store);
 /// Options for extract(); the scratch folder is the folder of the output.
 ExtractOptions options_of(const ExtractArguments& a);
 /// The members of the JSON report that all these commands have.
+/// Where the mesh is not a manifold, and what was done about it, in lines; empty: nothing to say.
+std::string manifold_text(const ExtractReport& r);
+/// Adds the same; nothing if it was not counted.
+void add_manifold_json(const ExtractReport& r, Json& json);
 Json extract_json(const ExtractArguments& a, const ExtractReport& r);
 
 }  // namespace isonest::detail::cli

@@ -201,7 +201,23 @@ Json json_of(const Store& store, const Label& label, const ExtractReport& r,
     if (r.components) {
         add_component_json(*r.components, json);
     }
+    add_manifold_json(r, json);
     return json;
+}
+
+/// The sum over the meshes, with what result_of() says of one.
+ExtractReport in_all_meshes(std::span<const ExtractReport> reports) {
+    ExtractReport sum;
+    for (const ExtractReport& r : reports) {
+        sum.triangles += r.triangles;
+        if (r.manifold) {
+            ManifoldReport& all = sum.manifold ? *sum.manifold : sum.manifold.emplace();
+            all.edges += r.manifold->edges;
+            all.vertices += r.manifold->vertices;
+            all.copies += r.manifold->copies;
+        }
+    }
+    return sum;
 }
 
 }  // namespace
@@ -289,8 +305,7 @@ std::string sheets_text(const ExtractReport& r, const std::string& unit) {
 }
 
 std::string smooth_close_text() {
-    return "closed at the outer faces of the voxels at the volume's border; edges have two "
-           "triangles, or four where the label touches itself\n";
+    return "closed at the outer faces of the voxels at the volume's border\n";
 }
 
 void add_smooth_json(const SmoothReport& r, Json& json) {
@@ -451,6 +466,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
                                                    ? " except those of dropped components\n"
                                                    : "\n");
     }
+    result.text += manifold_text(in_all_meshes(reports));
     if (components) {
         result.text += fmt::format(
             "all labels together have {} components; {} were dropped, with {} triangles, the "
@@ -509,6 +525,7 @@ Result extract_labels_together(const Store& store, const LabelArguments& labels,
     if (furthest.smooth) {
         result.text += smooth_text(*furthest.smooth) + "\n";
     }
+    result.text += manifold_text(in_all_meshes(reports));
     output.finish(furthest, progress, result);
     return result;
 }

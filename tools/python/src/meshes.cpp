@@ -324,6 +324,7 @@ py::tuple march_mesh(VolumeSource& volume, const MarchQuery& query, const Extrac
 /// Whether the surface at full resolution is the result, without further stages.
 bool is_marched_alone(const VolumeSource& volume, const SurfaceQuery& query) {
     return std::holds_alternative<ErrorBound>(query.stop) && detail::is_plain_surface(query) &&
+           !query.stages.manifold &&
            query.effort.value_or(Effort::none) == Effort::none &&  // extract() throws for others
            volume.describe().direction == kAlongWorld;
 }
