@@ -13,6 +13,7 @@
 #include <isonest/error.h>
 #include <isonest/labels.h>
 #include <isonest/mesh_file.h>
+#include <isonest/mesher_file.h>
 #include <isonest/neuroglancer_meshes.h>
 
 #include "query/extract/labels/extract_labels.h"
@@ -530,6 +531,37 @@ Result extract_labels_together(const Store& store, const LabelArguments& labels,
     return result;
 }
 
+namespace {
+
+/// The file for the interfaces of some labels.
+std::unique_ptr<MeshSink> open_interfaces(const Store& store, std::span<const Label> labels,
+                                          const ExtractArguments& a) {
+    const MeshFileOptions file = a.file_options();
+    if (!is_mesher_file(a.mesh)) {
+        return open_mesh_file(a.mesh, file);
+    }
+    MesherFileOptions options{file.replace, file.space, {}, options_of(a).scratch};
+    for (const Label& label : labels) {
+        options.labels.push_back(store.label_name(label.id).value_or(LabelName{}));
+        options.labels.back().id = label.id;
+    }
+    return open_mesher_file(a.mesh, options);
+}
+
+/// The command that makes tetrahedra; empty for other files.
+std::string mesher_text(const std::string& mesh) {
+    if (!is_mesher_file(mesh)) {
+        return "";
+    }
+    fs::path script = mesh;
+    return lower_extension(mesh) == ".msh"
+               ? fmt::format("gmsh -3 {} makes tetrahedra of it\n",
+                             script.replace_extension(".geo").string())
+               : fmt::format("tetgen -pA {} makes tetrahedra of it\n", mesh);
+}
+
+}  // namespace
+
 Result extract_label_interfaces(const Store& store, const LabelArguments& labels,
                                 const ExtractArguments& a, const LabelQuery& query,
                                 Progress& progress) {
@@ -537,17 +569,23 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
         throw Error(ErrorKind::invalid_argument, {a.store},
                     "--interfaces needs --smooth; --smooth=0 keeps the faces of the voxels");
     }
-    const std::unique_ptr<MeshSink> sink =
-        with_fields(a.fields, open_mesh_file(a.mesh, a.file_options()));
+    std::unique_ptr<MeshSink> sink;
+    const auto open = [&](std::span<const Label> chosen) {
+        sink = with_fields(a.fields, open_interfaces(store, chosen, a));
+        MeshLayout layout;
+        layout.frame = store.frame();
+        layout.has_sides = true;
+        const fs::path input = a.store;
+        sink->prepare(layout, std::span(&input, 1));
+    };
     // Fails early if the format cannot hold the attributes of the mesh.
-    MeshLayout layout;
-    layout.frame = store.frame();
-    layout.has_sides = true;
-    const fs::path input = a.store;
-    sink->prepare(layout, std::span(&input, 1));
+    open({});
     const std::vector<Label> chosen =
         chosen_of(find_labels(store, {a.options.memory, a.options.threads}, progress),
                   *labels.several, a.store);
+    if (is_mesher_file(a.mesh)) {
+        open(chosen);
+    }
     // The maximum number of labels listed in a report; if there are more, only their number is
     // reported.
     constexpr std::uint64_t kMaxListed = 10000;
@@ -586,7 +624,7 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
         a.mesh, r.triangles, r.vertices, r.interfaces->interfaces, chosen.size(),
         human_seconds(r.seconds), sheets_text(r, unit), smooth_text(*r.smooth), r.measures->area,
         unit.empty() ? "" : unit + "2", r.interfaces->outside);
-    result.text += version_text(a.mesh);
+    result.text += version_text(a.mesh) + mesher_text(a.mesh);
     if (r.closing) {
         add_close_json(*r.closing, result.json);
         result.text += "closed at the outer faces of the voxels at the volume's border\n";
