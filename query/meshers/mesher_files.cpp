@@ -411,7 +411,8 @@ std::unique_ptr<MeshSink> open_mesher_file(const std::filesystem::path& path,
                     "the name of a file for programs that make tetrahedra must end with .msh or "
                     ".smesh");
     }
-    return std::make_unique<detail::MesherFile>(path, options);
+    auto file = std::make_unique<detail::MesherFile>(path, options);
+    return options.unit ? detail::converted(std::move(file), *options.unit) : std::move(file);
 }
 
 }  // namespace isonest

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,7 @@ struct MesherFileOptions {
     /// As MeshFileOptions::replace; also for the second file.
     bool replace = false;
     MeshSpace space = MeshSpace::automatic;  ///< as MeshFileOptions::space
+    std::optional<LengthUnit> unit = {};     ///< as MeshFileOptions::unit
     /// The labels to be filled with tetrahedra, with their names if they have some; ids of at most
     /// 2^53. All other labels, and the outside, are left empty.
     std::vector<LabelName> labels = {};

@@ -188,7 +188,9 @@ Result run_isovalues(const Store& store, const ExtractCommand& arguments, const 
                           std::move(features));
     };
     const bool tiles = makes_tiles(arguments.extract);
-    const bool objects = in_one && !tiles && makes_objects(mesh, std::string());
+    // A file of several objects, unless the format holds the isovalues of one mesh.
+    const bool objects = in_one && !tiles && makes_objects(mesh, std::string()) &&
+                         lower_extension(mesh) != ".vtkhdf";
     if (in_one && !objects) {
         if (!tiles) {
             require_place_for_isovalue(mesh);

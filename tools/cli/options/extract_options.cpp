@@ -296,6 +296,13 @@ void add_space_options(CLI::App* c, ExtractArguments& a) {
         }
         a.up = text == "y" ? UpAxis::y : UpAxis::z;
     });
+    add_parsed(c, "--mesh-unit", [&a](const std::string& text) {
+        a.mesh_unit = length_unit_from(text);
+        if (!a.mesh_unit) {
+            throw Error(ErrorKind::invalid_argument, fmt::format("--mesh-unit '{}': give one of {}",
+                                                                 text, list_of_length_units()));
+        }
+    });
     add_parsed(c, "--space", [&a](const std::string& text) {
         const auto frame = frame_from(text);
         if (!frame && text != "as-stored") {
@@ -312,15 +319,27 @@ void add_space_json(AnatomicalFrame frame, const ExtractArguments& a, const std:
                     Json& json) {
     json["frame"] = frame_json(frame);
     json["space"] = frame_json(frame_in_file(frame, a.space, mesh));
+    if (a.mesh_unit) {
+        json["mesh_unit"] = symbol_of(*a.mesh_unit);
+    }
 }
 
 std::string space_line(AnatomicalFrame frame, const ExtractArguments& a, const std::string& mesh) {
     const AnatomicalFrame written = frame_in_file(frame, a.space, mesh);
-    return sign_between(frame, written) < 0 ? fmt::format(
-                                                  "positions are in {}: those of the volume, which "
-                                                  "are in {}, with x and y negated\n",
-                                                  name_of(written), name_of(frame))
-                                            : "";
+    std::string text;
+    if (sign_between(frame, written) < 0) {
+        text = fmt::format(
+            "positions are in {}: those of the volume, which are in {}, with x and y "
+            "negated\n",
+            name_of(written), name_of(frame));
+    }
+    if (a.mesh_unit) {
+        text += fmt::format(
+            "positions in the file are in {}, but everything reported here is in "
+            "the unit of the volume\n",
+            symbol_of(*a.mesh_unit));
+    }
+    return text;
 }
 
 void add_cells_option(CLI::App* c, ExtractArguments& a) {

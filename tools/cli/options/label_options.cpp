@@ -153,6 +153,7 @@ void write_neuroglancer(const fs::path& folder, const Store& store,
         write_segment_properties(folder, names);
         info["segment_properties"] = "segment_properties";
     }
+    write_segment_colors(folder, known_of(store, labels));
     write_text(folder / "info", info.dump() + "\n");
 }
 
@@ -336,14 +337,15 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     if (fs::exists(folder, error) && !fs::is_directory(folder, error)) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
                     "is not a folder; with --labels, give a folder for the meshes, or a name that "
-                    "ends with .glb or .3mf for one file with all of them");
+                    "ends with .glb, .3mf or .vtkhdf for one file with all of them");
     }
     if (const std::string end = lower_extension(folder);
         !fs::exists(folder, error) && end.size() > 1 &&
         std::find(kFormats.begin(), kFormats.end(), end.substr(1)) != kFormats.end()) {
-        throw Error(ErrorKind::invalid_argument, {a.mesh},
-                    "--labels needs a folder for the meshes, or a name that ends with .glb or .3mf "
-                    "for one file with all of them");
+        throw Error(
+            ErrorKind::invalid_argument, {a.mesh},
+            "--labels needs a folder for the meshes, or a name that ends with .glb, .3mf or "
+            ".vtkhdf for one file with all of them");
     }
     const bool is_turned = a.space != MeshSpace::automatic && a.space != MeshSpace::as_stored;
     constexpr std::array kWithFields{"ply", "vtp", "vtkhdf", "glb"};
@@ -358,6 +360,10 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
         throw Error(
             ErrorKind::invalid_argument, {a.mesh},
             "--vertex-values: meshes for Neuroglancer cannot have values at their vertices");
+    }
+    if (makes_detail_levels(labels) && a.mesh_unit) {
+        throw Error(ErrorKind::invalid_argument, {a.mesh},
+                    "--mesh-unit: meshes for Neuroglancer are always in nanometres");
     }
     if (makes_detail_levels(labels) && (is_turned || a.up != UpAxis::z)) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
@@ -540,7 +546,7 @@ std::unique_ptr<MeshSink> open_interfaces(const Store& store, std::span<const La
     if (!is_mesher_file(a.mesh)) {
         return open_mesh_file(a.mesh, file);
     }
-    MesherFileOptions options{file.replace, file.space, {}, options_of(a).scratch};
+    MesherFileOptions options{file.replace, file.space, file.unit, {}, options_of(a).scratch};
     for (const Label& label : labels) {
         options.labels.push_back(store.label_name(label.id).value_or(LabelName{}));
         options.labels.back().id = label.id;
@@ -573,6 +579,7 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
     const auto open = [&](std::span<const Label> chosen) {
         sink = with_fields(a.fields, open_interfaces(store, chosen, a));
         MeshLayout layout;
+        layout.unit = store.unit();
         layout.frame = store.frame();
         layout.has_sides = true;
         const fs::path input = a.store;
