@@ -133,7 +133,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--vertex-error", kWritten, "FIELD", "how far vertices may be off, by this field", "vertex_error: str"},
     {"", "--space", kWritten, "AXES", "patient axes: ras, lps, as-stored [ras where known]", "space: choice"},
     {"", "--up", kWritten, "y|z", "the axis that points up in .glb and .obj [z]", "up: choice"},
-    {"", "--mesh-unit", kWritten, "U", "unit of the positions in the mesh file: mm, m, ...", "unit: str"},
+    {"", "--mesh-unit", kWritten, "U", "unit of the positions in the mesh file: mm, m, ...", "mesh_unit: str"},
     {"extract", "--colors", kWritten, "NAME", "vertex colours in .glb and .ply: viridis, gray, ...", kDrawnElsewhere},
     {"extract", "--range", kWritten, "LOW,HIGH|WINDOW", "first, last value [all]; bone, lung, soft, brain", kDrawnElsewhere},
     {"", "--format", kWritten, "NAME", "3dtiles; --labels: ply, ..., neuroglancer[-sharded]", "(by the file name passed to Mesh.save)"},

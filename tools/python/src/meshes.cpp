@@ -528,7 +528,7 @@ void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, cons
     }
     const std::optional<LengthUnit> in = unit ? length_unit_from(*unit) : std::nullopt;
     if (unit && !in) {
-        throw py::value_error("unit='" + *unit + "': give one of " + list_of_length_units());
+        throw py::value_error("mesh_unit='" + *unit + "': give one of " + list_of_length_units());
     }
     ArrayMesh mesh;
     mesh.vertices = static_cast<std::size_t>(positions.size()) / 3;
