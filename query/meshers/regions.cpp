@@ -229,18 +229,20 @@ void Regions::meet(std::span<Line> lines, const Progress& progress) const {
     if (lines.empty()) {
         return;
     }
-    // Lines by squares of the plane across them.
-    constexpr std::size_t kSquares = 256;
+    // Lines by squares of the plane across them, about one in each.
+    constexpr double kMaxSquares = 256;
+    const auto squares = static_cast<std::size_t>(
+        std::clamp(std::sqrt(static_cast<double>(lines.size())), 1.0, kMaxSquares));
     const MeshLayout& layout = mesh_.layout();
     const auto square = [&](double p, std::size_t axis) {
         const double lo = layout.lo[axis];
         const double size = static_cast<double>(layout.hi[axis]) - lo;
-        const double place = size > 0 ? (p - lo) / size * kSquares : 0;
-        return static_cast<std::size_t>(std::clamp(place, 0.0, kSquares - 1.0));
+        const double place = size > 0 ? (p - lo) / size * static_cast<double>(squares) : 0;
+        return static_cast<std::size_t>(std::clamp(place, 0.0, static_cast<double>(squares - 1)));
     };
-    std::vector<std::vector<std::uint32_t>> in_square(kSquares * kSquares);
+    std::vector<std::vector<std::uint32_t>> in_square(squares * squares);
     for (std::size_t i = 0; i < lines.size(); ++i) {
-        in_square[square(lines[i].z, 2) * kSquares + square(lines[i].y, 1)].push_back(
+        in_square[square(lines[i].z, 2) * squares + square(lines[i].y, 1)].push_back(
             static_cast<std::uint32_t>(i));
     }
     const auto at = mesh_.positions();
@@ -262,7 +264,7 @@ void Regions::meet(std::span<Line> lines, const Progress& progress) const {
         const auto [z0, z1] = reach(2);
         for (std::size_t z = z0; z <= z1; ++z) {
             for (std::size_t y = y0; y <= y1; ++y) {
-                for (const std::uint32_t i : in_square[z * kSquares + y]) {
+                for (const std::uint32_t i : in_square[z * squares + y]) {
                     Line& line = lines[i];
                     const bool is_own = line.not_triangle ? *line.not_triangle == t
                                                           : shell_of(2 * t) == line.shell ||
