@@ -135,7 +135,7 @@ ExtractReport extract_in_own_axes(const StoreReader& store, ExtractQuery asked, 
 
 ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshSink& sink,
                              const ExtractOptions& options, Progress& progress) {
-    WorldOutput mesh(sink, asked, options.quality);
+    WorldOutput mesh(sink, asked, options, progress);
     std::optional<ExtractReport> report;
     const bool is_analysed = asked.analysis_folder && asked.stages.simplifies();
     if (is_analysed) {
@@ -287,7 +287,7 @@ void extract_isovalues(const Store& store, std::span<const double> isovalues,
             one.traversal.iso = some[i];
             sinks.push_back(first + i == 0 ? std::move(first_sink) : sink(first + i));
             meshes.push_back(
-                std::make_unique<detail::WorldOutput>(*sinks[i], one, options.quality));
+                std::make_unique<detail::WorldOutput>(*sinks[i], one, options, progress));
             extractions.push_back(std::make_unique<detail::Extraction>(
                 reader, std::move(one), meshes[i]->sink(), options, progress));
         }

@@ -210,6 +210,7 @@ class Asking {
     }
     void choose_stages(const SurfaceStages& stages) {
         asked.traversal.box.close = stages.close;
+        asked.stages.manifold = stages.manifold;
         if (stages.components) {
             require_components(*stages.components);
             asked.stages.components = stages.components;

@@ -44,6 +44,7 @@ struct StageChoice {
     std::optional<DistanceChoice> distance;
     std::optional<double> error;  ///< the error for the simplification, in units of the data; > 0
     Effort error_effort = Effort::best;  ///< effort for the error
+    bool manifold = false;               ///< see SurfaceStages; done on the way to the sink
 
     /// Whether there is work in addition to mending.
     [[nodiscard]] bool any() const { return components || simplifies() || error; }

@@ -20,6 +20,7 @@
 #include <isonest/march.h>
 
 #include "query/apart/keep_apart.h"
+#include "query/apart/manifold.h"
 #include "query/extract/combinations.h"
 #include "query/extract/extract_query.h"
 #include "query/extract/extraction.h"
@@ -228,7 +229,7 @@ ExtractReport extract(VolumeSource& volume, const SurfaceQuery& query, MeshSink&
     using namespace detail;
     const VolumeDescription description = volume.describe();
     ExtractQuery asked = extract_query(description, query);
-    WorldOutput mesh(sink, asked, options.quality);
+    WorldOutput mesh(sink, asked, options, progress);
     const SlabPlace place{query.iso, query.attributes.normals, asked.steps, description.origin,
                           sight_apart(asked.coordinate_rounding, asked.min_apart)};
     Extraction extraction({description.name, header_of(description)}, std::move(asked), mesh.sink(),
@@ -360,8 +361,15 @@ ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query,
         const JoinedMesh joined =
             join.finish(layout, make_room, min_step, options.quality, folder, progress);
         const SettledMesh settled = settle_mesh(joined, layout, description, folder, progress);
+        std::optional<ManifoldReport> manifold;
+        if (options.quality) {
+            const SharedPlaces found =
+                shared_places(layout.vertices, CornerView(joined.room.triangles), folder, progress);
+            manifold = {found.edges, found.vertices, 0};
+        }
         report = marched(layout, joined, settled, rounding, std::max(range.high - range.low, 0.0),
                          folder.meter()->peak());
+        report.manifold = manifold;
     });
     return timed(std::move(report), start);
 }

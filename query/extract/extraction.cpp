@@ -68,6 +68,7 @@ ExtractReport extract_within_triangle_budget(const Store& store, const SurfaceQu
     }
     const double range = std::max(store.max_value() - store.min_value(), 0.0);
     SurfaceQuery tried = query;
+    tried.stages.manifold = false;  // it does not change the number of triangles
     ExtractReport report;
     const Effort effort = effort_of(features_of(store.reader(), query));
     if (effort == Effort::none && !query.grid.cells) {
@@ -118,6 +119,7 @@ ExtractReport extract_within_triangle_budget(const Store& store, const SurfaceQu
         }
     }
     stop_within(enough);
+    tried.stages.manifold = query.stages.manifold;
     report = extract(store, tried, sink, options, progress);
     report.within_budget = true;
     return report;

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include <isonest/error.h>
+
 #include "query/extract/query_checks.h"
 #include "query/slabs/join_slabs.h"
 
@@ -124,13 +126,44 @@ ExtractReport measured(ExtractReport report, const MeasuringSink& sink) {
     return report;
 }
 
-WorldOutput::WorldOutput(MeshSink& sink, const ExtractQuery& query, bool with_quality)
+ExtractReport with_manifold(ExtractReport report, const ManifoldSink& sink) {
+    report.manifold = sink.report();
+    report.vertices += sink.report().copies;
+    return report;
+}
+
+namespace {
+
+/// Counts or separates the places where the surface touches itself; null if neither is needed.
+/// Several ranks write a mesh together, so none of them sees all of it.
+std::optional<TouchingSheets> touching_sheets(const ExtractQuery& query,
+                                              const ExtractOptions& options) {
+    if (query.stages.manifold) {
+        return TouchingSheets::separated;
+    }
+    const bool counts = options.quality && options.team == nullptr && query.corners() == 3 &&
+                        query.product == Product::surface;
+    return counts ? std::optional(TouchingSheets::counted) : std::nullopt;
+}
+
+}  // namespace
+
+WorldOutput::WorldOutput(MeshSink& sink, const ExtractQuery& query, const ExtractOptions& options,
+                         const Progress& progress)
     : sink_(sink), steps_(query.steps) {
+    if (query.stages.manifold && query.corners() != 3) {
+        throw Error(ErrorKind::invalid_argument,
+                    "isolines have no triangles, so they cannot be made a manifold");
+    }
+    MeshSink* to = &sink;
+    if (const auto what = touching_sheets(query, options)) {
+        to = &manifold_.emplace(sink, *what, ScratchFolder::metered(options.scratch), progress);
+    }
     if (query.rotation) {
-        turning_.emplace(sink, query.rotation->about, query.rotation->direction);
+        to = &turning_.emplace(*to, query.rotation->about, query.rotation->direction);
     }
     if (query.corners() == 3) {
-        measuring_.emplace(turning_ ? *turning_ : sink, with_quality);
+        measuring_.emplace(*to, options.quality);
     }
 }
 
@@ -149,6 +182,10 @@ ExtractReport WorldOutput::report(ExtractReport report) const {
         }
         report.coordinate_rounding += max_in_lattice({moved, moved, moved}, steps_);
         report.mending.zero_area = turning_->zero_area_triangles();
+    }
+    if (manifold_) {
+        report = with_manifold(std::move(report), *manifold_);
+        report.scratch_bytes += manifold_->scratch_peak();
     }
     return report;
 }

@@ -8,6 +8,7 @@
 
 #include <isonest/extract.h>
 
+#include "query/apart/manifold_sink.h"
 #include "query/extract/extract_query.h"
 #include "query/extract/stages/stage.h"
 #include "query/mesh/measuring_sink.h"
@@ -58,12 +59,17 @@ class ReportSum {
 /// The report with the measurements made on the way to a sink.
 ExtractReport measured(ExtractReport report, const MeasuringSink& sink);
 
+/// The report with what was found on the way to a sink, and with the vertices that were added.
+ExtractReport with_manifold(ExtractReport report, const ManifoldSink& sink);
+
 /// Measures the triangles of a mesh in the volume's own axes, and rotates it into the world's, on
 /// its way to a sink.
 class WorldOutput {
   public:
-    /// The sink must outlive it.
-    WorldOutput(MeshSink& sink, const ExtractQuery& query, bool with_quality);
+    /// Sink and progress must outlive it. Throws Error{invalid_argument} for isolines that are to
+    /// be a manifold.
+    WorldOutput(MeshSink& sink, const ExtractQuery& query, const ExtractOptions& options,
+                const Progress& progress);
 
     [[nodiscard]] MeshSink& sink();
     /// The report for the mesh that was passed to sink(). Rotation rounds positions again and may
@@ -71,6 +77,7 @@ class WorldOutput {
     [[nodiscard]] ExtractReport report(ExtractReport report) const;
 
   private:
+    std::optional<ManifoldSink> manifold_;
     MeshSink& sink_;
     LatticeSteps steps_;
     std::optional<RotatedSink> turning_;

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <mutex>
+#include <optional>
 #include <span>
 #include <utility>
 
@@ -43,6 +44,7 @@ struct MeshCollection::Parts {
     std::atomic<std::uint64_t> end = 0;      ///< of what was stored
     std::vector<detail::StoredMesh> meshes;  ///< of each object
     std::mutex mutex;                        ///< protects the file's prepare()
+    std::optional<LengthUnit> unit = {};     ///< as MeshFileOptions::unit
 };
 
 namespace detail {
@@ -130,7 +132,7 @@ void send_mesh(const StoredMesh& mesh, std::span<const std::byte> all, MeshSink&
 
 bool MeshCollection::is_supported(const std::filesystem::path& path) {
     const std::string end = detail::lower_extension(path);
-    return end == ".glb" || end == ".3mf";
+    return end == ".glb" || end == ".3mf" || end == ".vtkhdf";
 }
 
 MeshCollection::MeshCollection(const std::filesystem::path& path, std::vector<MeshObject> objects,
@@ -138,22 +140,28 @@ MeshCollection::MeshCollection(const std::filesystem::path& path, std::vector<Me
                                const std::filesystem::path& scratch) {
     if (!is_supported(path)) {
         throw Error(ErrorKind::invalid_argument, {path.string()},
-                    "only .glb and .3mf files can hold several meshes");
+                    "only .glb, .3mf and .vtkhdf files can hold several meshes");
     }
     MeshFileOptions own = options;
     own.title = {};
     own.color = {};
+    if (own.unit) {
+        detail::require_free_unit(path);
+    }
+    own.unit.reset();
     std::unique_ptr<MeshSink> file = open_mesh_file(path, own);
     // open_mesh_file() returns such a file.
     std::unique_ptr<detail::MeshFile> meshes(static_cast<detail::MeshFile*>(file.release()));
     parts_ = std::make_unique<Parts>(std::move(objects), std::move(meshes),
                                      detail::ScratchFolder::metered(scratch));
+    parts_->unit = options.unit;
 }
 
 MeshCollection::~MeshCollection() = default;
 
 std::unique_ptr<MeshSink> MeshCollection::sink(std::size_t object) {
-    return std::make_unique<detail::ObjectSink>(*parts_, object);
+    auto own = std::make_unique<detail::ObjectSink>(*parts_, object);
+    return parts_->unit ? detail::converted(std::move(own), *parts_->unit) : std::move(own);
 }
 
 void MeshCollection::finish(Progress& progress) {

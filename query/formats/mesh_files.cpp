@@ -451,7 +451,11 @@ std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
                 throw Error(ErrorKind::invalid_argument, {path.string()},
                             "only .glb and .obj files can have y up");
             }
-            return format.open(path, options);
+            if (!options.unit) {
+                return format.open(path, options);
+            }
+            detail::require_free_unit(path);
+            return detail::converted(format.open(path, options), *options.unit);
         }
     }
     throw Error(ErrorKind::invalid_argument, {path.string()},

@@ -116,6 +116,13 @@ const VertexAttribute* main_scalar(const MeshLayout& layout);
 /// with an underscore.
 std::string semantic_of(const VertexAttribute& attribute);
 
+/// Throws Error{invalid_argument} if files of this name have a unit of their own.
+void require_free_unit(const std::filesystem::path& path);
+
+/// A sink that passes the mesh on with positions in another unit. Its prepare() throws
+/// Error{invalid_argument} if the mesh's unit is unknown.
+std::unique_ptr<MeshSink> converted(std::unique_ptr<MeshSink> sink, LengthUnit unit);
+
 std::unique_ptr<MeshSink> ply_file(const std::filesystem::path& path, const MeshFileOptions& o);
 std::unique_ptr<MeshSink> stl_file(const std::filesystem::path& path, const MeshFileOptions& o);
 std::unique_ptr<MeshSink> obj_file(const std::filesystem::path& path, const MeshFileOptions& o);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <set>
 #include <string>
 #include <unordered_map>
 #include <utility>
@@ -378,23 +379,66 @@ namespace isonest::detail {
 
 namespace {
 
+PolyDataShape shape_of(const MeshLayout& layout) {
+    PolyDataShape shape;
+    shape.points = layout.vertices;
+    shape.triangles = layout.elements;
+    shape.labels_of_triangles = layout.has_sides;
+    shape.unit = layout.unit ? symbol_of(*layout.unit) : "";
+    shape.space = layout.frame == AnatomicalFrame::unknown ? "" : name_of(layout.frame);
+    for (const VertexAttribute& a : layout.attributes) {
+        shape.attributes.push_back({a.name, a.components, a.is_double, a.same_in_element});
+    }
+    return shape;
+}
+
+/// A title as the name of a block: VTK's assemblies have letters, digits, "_" and "-".
+std::string block_name(const std::string& title, std::set<std::string>& used) {
+    std::string name = title.empty() ? "mesh" : title;
+    for (char& c : name) {
+        const bool is_plain =
+            (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-';
+        c = is_plain ? c : '_';
+    }
+    if ((name[0] >= '0' && name[0] <= '9') || name[0] == '-' || name == "Assembly") {
+        name = "_" + name;
+    }
+    std::string unique = name;
+    for (int i = 2; !used.insert(unique).second; ++i) {
+        unique = fmt::format("{}_{}", name, i);
+    }
+    return unique;
+}
+
 class VtkhdfFile : public SectionedFile {
   public:
     using SectionedFile::SectionedFile;
     void begin_file(const MeshLayout& layout) override {
-        PolyDataShape shape;
-        shape.points = layout.vertices;
-        shape.triangles = layout.elements;
-        shape.labels_of_triangles = layout.has_sides;
-        shape.unit = layout.unit ? symbol_of(*layout.unit) : "";
-        shape.space = layout.frame == AnatomicalFrame::unknown ? "" : name_of(layout.frame);
-        for (const VertexAttribute& a : layout.attributes) {
-            shape.attributes.push_back({a.name, a.components, a.is_double, a.same_in_element});
-        }
-        PolyDataOffsets offsets;
-        const OutputFile& out = create([&](const std::filesystem::path& temporary) {
-            offsets = create_polydata(temporary, shape);
+        objects_ = single(layout);
+        offsets_.resize(1);
+        create([&](const std::filesystem::path& temporary) {
+            offsets_[0] = create_polydata(temporary, shape_of(layout));
         });
+        begin_object(0);
+    }
+
+    void begin_objects(std::vector<FileObject> objects) override {
+        objects_ = std::move(objects);
+        std::vector<PolyDataBlock> blocks;
+        std::set<std::string> names;
+        for (const FileObject& object : objects_) {
+            blocks.push_back({shape_of(object.layout), block_name(object.title, names),
+                              object.title, object.color});
+        }
+        create([&](const std::filesystem::path& temporary) {
+            offsets_ = create_polydata_collection(temporary, blocks);
+        });
+        use({}, {});
+    }
+
+    void begin_object(std::size_t object) override {
+        const MeshLayout& layout = objects_[object].layout;
+        const PolyDataOffsets& offsets = offsets_[object];
         Sections sections{
             {position_section(offsets.points)},
             {connectivity_section(offsets.connectivity, 3), ends_section(offsets.ends, 3)}};
@@ -409,9 +453,9 @@ class VtkhdfFile : public SectionedFile {
         if (layout.has_sides) {
             sections.elements.push_back(sides_section(offsets.labels_of_triangles));
         }
-        if (shape.triangles > 0) {
+        if (layout.elements > 0) {
             const std::uint64_t zero = 0;
-            out.write_at(offsets.ends - sizeof(zero), std::as_bytes(std::span(&zero, 1)));
+            file().write_at(offsets.ends - sizeof(zero), std::as_bytes(std::span(&zero, 1)));
         }
         use(std::move(sections), layout);
     }
@@ -419,6 +463,10 @@ class VtkhdfFile : public SectionedFile {
   protected:
     [[nodiscard]] bool holds_sides() const override { return true; }
     [[nodiscard]] bool holds_fields() const override { return true; }
+
+  private:
+    std::vector<FileObject> objects_;
+    std::vector<PolyDataOffsets> offsets_;
 };
 
 }  // namespace

@@ -217,6 +217,20 @@ void write_mesh_info(const std::filesystem::path& folder, const StoreHeader& hea
                             sharding ? ", \"sharding\": " + sharding->json() : ""));
 }
 
+void write_segment_colors(const std::filesystem::path& folder, std::span<const LabelName> names) {
+    std::string colors;
+    for (const LabelName& name : names) {
+        if (const auto& color = name.color) {
+            colors += fmt::format("{}\"{}\": \"#{:02x}{:02x}{:02x}\"", colors.empty() ? "" : ", ",
+                                  name.id, (*color)[0], (*color)[1], (*color)[2]);
+        }
+    }
+    if (!colors.empty()) {
+        write_whole(folder / "segment_colors.json",
+                    fmt::format("{{\"segmentColors\": {{{}}}}}\n", colors));
+    }
+}
+
 void write_segment_properties(const std::filesystem::path& folder,
                               std::span<const LabelName> names) {
     std::string ids;

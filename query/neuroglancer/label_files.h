@@ -100,6 +100,10 @@ void write_mesh_info(const std::filesystem::path& folder, const StoreHeader& hea
                      const Double3& shift, bool properties,
                      const std::optional<Sharding>& sharding = {});
 
+/// Writes the colours of labels, as those of a segmentation layer in Neuroglancer's state
+/// ("segmentColors"), to the file `segment_colors.json`; nothing if none has a colour. Throws
+/// Error{io}.
+void write_segment_colors(const std::filesystem::path& folder, std::span<const LabelName> names);
 /// Writes names of labels, displayed by Neuroglancer, to a folder `segment_properties`; labels
 /// without a name get an empty one. Throws Error{io}.
 void write_segment_properties(const std::filesystem::path& folder,

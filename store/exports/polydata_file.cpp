@@ -136,26 +136,22 @@ std::uint64_t add_attribute(const Hdf5Frame& frame, hid_t where, const PolyDataS
     return frame.array(where, a.name.c_str(), a.wide ? H5T_IEEE_F64LE : H5T_IEEE_F32LE, dims);
 }
 
-}  // namespace
-
-PolyDataOffsets create_polydata(const std::filesystem::path& path, const PolyDataShape& shape) {
-    const QuietHdf5 quiet;
-    Hdf5Frame frame(path);
-    GroupHandle root = frame.group(frame.file(), "VTKHDF");
-    write_attribute(root.get(), "Version", std::vector<std::int64_t>{2, 0});
-    write_attribute(root.get(), "Type", std::string("PolyData"));
+/// Fills the group of a mesh.
+PolyDataOffsets add_polydata(const Hdf5Frame& frame, hid_t root, const PolyDataShape& shape) {
+    write_attribute(root, "Version", std::vector<std::int64_t>{2, 0});
+    write_attribute(root, "Type", std::string("PolyData"));
     if (!shape.unit.empty()) {
-        write_attribute(root.get(), "unit", shape.unit);
+        write_attribute(root, "unit", shape.unit);
     }
     if (!shape.space.empty()) {
-        write_attribute(root.get(), "SPACE", shape.space);
+        write_attribute(root, "SPACE", shape.space);
     }
     PolyDataOffsets offsets;
-    frame.number(root.get(), "NumberOfPoints", shape.points);
-    offsets.points = frame.array(root.get(), "Points", H5T_IEEE_F32LE, {shape.points, 3});
+    frame.number(root, "NumberOfPoints", shape.points);
+    offsets.points = frame.array(root, "Points", H5T_IEEE_F32LE, {shape.points, 3});
     for (const char* const name : {"Vertices", "Lines", "Strips", "Polygons"}) {
         const std::uint64_t cells = name == std::string("Polygons") ? shape.triangles : 0;
-        const GroupHandle group = frame.group(root.get(), name);
+        const GroupHandle group = frame.group(root, name);
         frame.number(group.get(), "NumberOfCells", cells);
         frame.number(group.get(), "NumberOfConnectivityIds", 3 * cells);
         const std::uint64_t connectivity =
@@ -168,8 +164,8 @@ PolyDataOffsets create_polydata(const std::filesystem::path& path, const PolyDat
         offsets.ends =
             frame.array(group.get(), "Offsets", H5T_STD_I64LE, {cells + 1}) + sizeof(std::int64_t);
     }
-    GroupHandle of_points = frame.group(root.get(), "PointData");
-    GroupHandle of_cells = frame.group(root.get(), "CellData");
+    const GroupHandle of_points = frame.group(root, "PointData");
+    const GroupHandle of_cells = frame.group(root, "CellData");
     for (const PolyDataShape::Attribute& a : shape.attributes) {
         offsets.attributes.push_back(add_attribute(frame, of_points.get(), a, shape.points));
         offsets.attributes_of_triangles.push_back(
@@ -179,9 +175,51 @@ PolyDataOffsets create_polydata(const std::filesystem::path& path, const PolyDat
         offsets.labels_of_triangles =
             frame.array(of_cells.get(), "BoundaryLabels", H5T_STD_I64LE, {shape.triangles, 2});
     }
-    of_points.reset();
-    of_cells.reset();
-    root.reset();
+    return offsets;
+}
+
+}  // namespace
+
+PolyDataOffsets create_polydata(const std::filesystem::path& path, const PolyDataShape& shape) {
+    const QuietHdf5 quiet;
+    Hdf5Frame frame(path);
+    PolyDataOffsets offsets;
+    {
+        const GroupHandle root = frame.group(frame.file(), "VTKHDF");
+        offsets = add_polydata(frame, root.get(), shape);
+    }
+    frame.close();
+    return offsets;
+}
+
+std::vector<PolyDataOffsets> create_polydata_collection(const std::filesystem::path& path,
+                                                        std::span<const PolyDataBlock> blocks) {
+    const QuietHdf5 quiet;
+    Hdf5Frame frame(path);
+    std::vector<PolyDataOffsets> offsets;
+    {
+        const GroupHandle root = frame.group(frame.file(), "VTKHDF");
+        write_attribute(root.get(), "Version", std::vector<std::int64_t>{2, 1});
+        write_attribute(root.get(), "Type", std::string("PartitionedDataSetCollection"));
+        const GroupHandle assembly = frame.group(root.get(), "Assembly", true);
+        for (const PolyDataBlock& block : blocks) {
+            const GroupHandle own = frame.group(root.get(), block.name.c_str());
+            write_attribute(own.get(), "Index", std::uint64_t{offsets.size()});
+            if (!block.title.empty()) {
+                write_attribute(own.get(), "Name", block.title);
+            }
+            if (block.color) {
+                constexpr double kMax = 255;
+                std::vector<double> color;
+                for (const std::uint8_t part : *block.color) {
+                    color.push_back(part / kMax);
+                }
+                write_attribute(own.get(), "Color", color);
+            }
+            offsets.push_back(add_polydata(frame, own.get(), block.shape));
+            frame.soft_link(assembly.get(), block.name.c_str(), ("/VTKHDF/" + block.name).c_str());
+        }
+    }
     frame.close();
     return offsets;
 }

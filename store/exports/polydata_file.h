@@ -95,6 +95,19 @@ struct PolyDataOffsets {
 /// version 2.0. Throws Error{io}.
 PolyDataOffsets create_polydata(const std::filesystem::path& path, const PolyDataShape& shape);
 
+/// One of several meshes in a file.
+struct PolyDataBlock {
+    PolyDataShape shape;
+    std::string name;        ///< letters, digits, "_" and "-"; unique
+    std::string title = {};  ///< attribute "Name"; empty: none
+    std::optional<std::array<std::uint8_t, 3>> color = {};  ///< attribute "Color", 0 to 1
+};
+
+/// Creates a file with a mesh for each block, as a vtkPartitionedDataSetCollection whose assembly
+/// has them in this order. The format: version 2.1. Throws Error{io}.
+std::vector<PolyDataOffsets> create_polydata_collection(const std::filesystem::path& path,
+                                                        std::span<const PolyDataBlock> blocks);
+
 /// Positions of the arrays in such a file.
 struct PolyDataArrays {
     struct Array {

@@ -88,12 +88,19 @@ Hdf5Frame::Hdf5Frame(const std::filesystem::path& path) : path_(path), file_(cre
     check(file_.valid(), "create the file");
 }
 
-GroupHandle Hdf5Frame::group(hid_t where, const char* name) const {
+GroupHandle Hdf5Frame::group(hid_t where, const char* name, bool ordered) const {
     const PropertyHandle creation(H5Pcreate(H5P_GROUP_CREATE));
     H5Pset_obj_track_times(creation.get(), false);
+    if (ordered) {
+        H5Pset_link_creation_order(creation.get(), H5P_CRT_ORDER_TRACKED | H5P_CRT_ORDER_INDEXED);
+    }
     GroupHandle made(H5Gcreate2(where, name, H5P_DEFAULT, creation.get(), H5P_DEFAULT));
     check(made.valid(), "create a group");
     return made;
+}
+
+void Hdf5Frame::soft_link(hid_t where, const char* name, const char* to) const {
+    check(H5Lcreate_soft(to, where, name, H5P_DEFAULT, H5P_DEFAULT) >= 0, "create a link");
 }
 
 std::uint64_t Hdf5Frame::array(hid_t where, const char* name, hid_t type,

@@ -106,7 +106,10 @@ class Hdf5Frame {
     explicit Hdf5Frame(const std::filesystem::path& path);
 
     [[nodiscard]] hid_t file() const { return file_.get(); }
-    [[nodiscard]] GroupHandle group(hid_t where, const char* name) const;
+    /// `ordered`: its links remember in which order they were made.
+    [[nodiscard]] GroupHandle group(hid_t where, const char* name, bool ordered = false) const;
+    /// A link by its path, as "/VTKHDF/a".
+    void soft_link(hid_t where, const char* name, const char* to) const;
     /// Returns the offset of the data; 0 for an array without elements.
     [[nodiscard]] std::uint64_t array(hid_t where, const char* name, hid_t type,
                                       const std::vector<hsize_t>& dims) const;

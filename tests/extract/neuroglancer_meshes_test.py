@@ -375,6 +375,11 @@ class NeuroglancerMeshes(unittest.TestCase):
         self.assertEqual(json.loads((self.folder / "legacy" / "info").read_text()),
                          {"@type": "neuroglancer_legacy_mesh", "segment_properties": "segment_properties"})
         self.assertEqual(json.loads((self.folder / "legacy" / "segment_properties" / "info").read_text()), properties)
+        for place in (folder, self.folder / "legacy"):
+            self.assertEqual(json.loads((place / "segment_colors.json").read_text()),
+                             {"segmentColors": {"1": "#ff0000", "2": "#00ff00"}})
+        run("extract", self.store(labels), "--labels", "all", "--format", "neuroglancer", "-o", self.folder / "plain")
+        self.assertFalse((self.folder / "plain" / "segment_colors.json").exists())
 
     def test_a_label_without_a_surface(self):
         store = self.store(np.ones((8, 8, 8), int))

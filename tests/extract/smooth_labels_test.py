@@ -265,7 +265,7 @@ class SmoothLabels(LabelMeshes):
         _, listed = self.meshes(self.store(data), "--smooth=0", "--close")
         done = json.loads(run("extract", self.here / "s.isonest", "--label", listed[0]["id"], "--smooth=0", "--close", "-o",
                               self.here / "a.ply", "--json").stdout)
-        self.assertIn("or four", run("extract", self.here / "s.isonest", "--label", listed[0]["id"], "--smooth", "--close",
+        self.assertIn("closed at the outer faces", run("extract", self.here / "s.isonest", "--label", listed[0]["id"], "--smooth", "--close",
                                      "-o", self.here / "a.ply").stdout)
         self.assertEqual(done["volume"], (data == listed[0]["id"]).sum())
         self.assertEqual(done["border_vertices"], 0)

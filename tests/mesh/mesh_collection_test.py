@@ -16,6 +16,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
 from mesh_data import read_points  # noqa: E402
 
+import h5py
 import numpy as np
 from vtkmodules.vtkIOGeometry import vtkGLTFReader
 
@@ -71,6 +72,35 @@ def threemf_objects(path):
     return objects
 
 
+def vtkhdf_objects(path):
+    """A list of (name, attributes of the block, points, triangles), in the order of the assembly. By the specification of
+    VTKHDF 2.1 (docs.vtk.org), section "PartitionedDataSetCollection and MultiBlockDataSet"."""
+    objects = []
+    with h5py.File(path) as file:
+        root = file["VTKHDF"]
+        assert tuple(root.attrs["Version"]) == (2, 1) and root.attrs["Type"] == b"PartitionedDataSetCollection"
+        assembly = root["Assembly"]
+        order = assembly.id.get_create_plist().get_link_creation_order()
+        assert order == h5py.h5p.CRT_ORDER_TRACKED | h5py.h5p.CRT_ORDER_INDEXED
+        names = []
+        assembly.id.links.visit(lambda name: names.append(name.decode()), idx_type=h5py.h5.INDEX_CRT_ORDER)
+        assert set(names) == set(root) - {"Assembly"}
+        for index, name in enumerate(names):
+            link = assembly.get(name, getlink=True)
+            assert isinstance(link, h5py.SoftLink) and link.path == f"/VTKHDF/{name}"
+            assert all(c.isascii() and (c.isalnum() or c in "_-") for c in name) and not name[0].isdigit(), name
+            block = assembly[name]
+            assert block.attrs["Index"] == index and block.attrs["Type"] == b"PolyData"
+            assert block["NumberOfPoints"][()] == [len(block["Points"])]
+            for kind in ("Vertices", "Lines", "Strips"):
+                assert block[kind]["NumberOfCells"][()] == [0] and len(block[kind]["Connectivity"]) == 0
+            faces = block["Polygons"]
+            assert faces["NumberOfConnectivityIds"][()] == [len(faces["Connectivity"])]
+            assert (faces["Offsets"][()] == 3 * np.arange(faces["NumberOfCells"][0] + 1)).all()
+            objects.append((name, dict(block.attrs), block["Points"][()], faces["Connectivity"][()].reshape(-1, 3)))
+    return objects
+
+
 class MeshCollectionTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -107,10 +137,10 @@ class MeshCollectionTest(unittest.TestCase):
             apart = {int(path.stem.split("_")[-1]): read_points(path) for path in (self.folder / "apart").glob("*.ply")}
             self.assertEqual(set(apart), {7, 9, 300})
             kept = [label for label in sorted(apart) if len(apart[label][1])]
-            for end in ("glb", "3mf"):
+            for end in ("glb", "3mf", "vtkhdf"):
                 report = json.loads(self.run_program(*extract, "-o", f"all.{end}", "--json"))
                 self.assertEqual([label["id"] for label in report["labels"]], [7, 9, 300])
-                objects = (glb_objects if end == "glb" else threemf_objects)(self.folder / f"all.{end}")
+                objects = READERS[end](self.folder / f"all.{end}")
                 self.assertEqual(len(objects), len(kept))
                 for label, one in zip(kept, objects):
                     with self.subTest(options=options, end=end, label=label):
@@ -125,6 +155,17 @@ class MeshCollectionTest(unittest.TestCase):
                             if colors[label]:
                                 np.testing.assert_allclose(255 * np.array(color), [
                                     255 * (c / 255 / 12.92 if c <= 10 else ((c / 255 + 0.055) / 1.055) ** 2.4) for c in colors[label]], atol=1e-3)
+                        elif end == "vtkhdf":
+                            name, attributes, vertices, triangles = one
+                            np.testing.assert_array_equal(vertices, points)
+                            np.testing.assert_array_equal(triangles, faces)
+                            self.assertEqual(attributes["Name"].decode(), names[label])
+                            self.assertEqual((attributes["unit"], attributes["SPACE"]),
+                                             (b"um", b"LPS" if "as-stored" in options else b"RAS"))
+                            if colors[label]:
+                                np.testing.assert_allclose(255 * attributes["Color"], colors[label], atol=1e-9)
+                            self.assertEqual("Color" in attributes, colors[label] is not None)
+                            self.assertEqual(name, {7: "left____right_", 9: "label_9", 300: "R__hre"}[label])
                         else:
                             element, color, vertices, triangles = one
                             np.testing.assert_array_equal(vertices, points)
@@ -142,7 +183,7 @@ class MeshCollectionTest(unittest.TestCase):
         self.assertEqual((self.folder / "seven.glb").read_bytes(), (self.folder / "label.glb").read_bytes())
         self.run_program("extract", "labels.isonest", "--labels", "all", "--min-component", "50", "--close", "-o", "large.3mf")
         self.assertEqual([one[0].get("name") for one in threemf_objects(self.folder / "large.3mf")], ["left & <right>", "Röhre"])
-        for end, objects in (("glb", glb_objects), ("3mf", threemf_objects)):
+        for end, objects in READERS.items():
             self.run_program("extract", "labels.isonest", "--labels", "all", "--min-component", "1000000", "-o", f"none.{end}")
             self.assertEqual(objects(self.folder / f"none.{end}"), [])
 
@@ -170,12 +211,29 @@ class MeshCollectionTest(unittest.TestCase):
             self.assertEqual(arrays["COLOR_0"].shape, (len(arrays["POSITION"]), 4))
 
     def test_bytes_are_the_same_for_any_threads_and_memory(self):
-        for end in ("glb", "3mf"):
+        for end in READERS:
             files = []
             for options in ((), ("--threads", "1"), ("--threads", "5", "--memory", "300M")):
                 self.run_program("extract", "labels.isonest", "--labels", "all", "--smooth", "--close", *options, "-o", f"same.{end}")
                 files.append((self.folder / f"same.{end}").read_bytes())
             self.assertEqual(files[1:], files[:1] * 2)
+
+    def test_blocks_of_vtkhdf_have_names_and_attributes_of_their_own(self):
+        (self.folder / "twice.txt").write_text('7 0 0 0 1 1 1 "a.b"\n300 1 1 1 1 1 1 "a/b"\n9 1 1 1 1 1 1 "Assembly"\n')
+        self.run_program("preprocess", "labels.npy", "--labels", "--label-names", "twice.txt", "-o", "twice.isonest")
+        self.run_program("extract", "twice.isonest", "--labels", "all", "--smooth", "--close", "--vertex-values",
+                         "r=ball.isonest", "-o", "twice.vtkhdf")
+        self.assertEqual([one[0] for one in vtkhdf_objects(self.folder / "twice.vtkhdf")], ["a_b", "_Assembly", "a_b_2"])
+        with h5py.File(self.folder / "twice.vtkhdf") as file:
+            for name in ("a_b", "a_b_2"):
+                block = file["VTKHDF"][name]
+                expected = np.linalg.norm(block["Points"][()] - (16, 12, 10), axis=1)
+                np.testing.assert_allclose(block["PointData/r"][()], expected, atol=0.2)
+        # Several isovalues stay one mesh, with the isovalue of each triangle.
+        self.run_program("extract", "ball.isonest", "--iso", "4,6", "-o", "iso.vtkhdf")
+        with h5py.File(self.folder / "iso.vtkhdf") as file:
+            self.assertEqual(file["VTKHDF"].attrs["Type"], b"PolyData")
+            self.assertEqual(set(file["VTKHDF/CellData/isovalue"][()]), {4, 6})
 
     def test_other_names_and_inputs_are_refused(self):
         extract = ("extract", "labels.isonest", "--labels", "all", "-o")
@@ -190,4 +248,5 @@ class MeshCollectionTest(unittest.TestCase):
         self.assertEqual([path.name for path in self.folder.iterdir() if path.name.startswith(".")], [])
 
 
+READERS = {"glb": glb_objects, "3mf": threemf_objects, "vtkhdf": vtkhdf_objects}
 unittest.main(verbosity=2)

@@ -69,7 +69,7 @@ TEST_CASE("triangles without area after rotation are counted, each once") {
     Counting inner;
     ExtractQuery query;
     query.rotation = Rotation{{1e6, 0, 0}, Directions{Double3{c, s, 0}, {-s, c, 0}, {0, 0, 1}}};
-    WorldOutput output(inner, query, false);
+    WorldOutput output(inner, query, {}, silent_progress());
     MeshSink& sink = output.sink();
     MeshLayout layout;
     layout.vertices = positions.size();

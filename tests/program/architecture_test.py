@@ -36,7 +36,7 @@ ROOMS = {
               "statistics": set(), "surface_nets": {"statistics", "mesh"},
               "ranks": {"values", "march", "mesh", "apart", "formats", "simplify", "traverse"},
               "neuroglancer": {"mesh", "simplify"},
-              "tiles": {"mesh", "simplify", "formats"},
+              "tiles": {"mesh", "simplify", "formats"}, "meshers": {"mesh", "formats"},
               "slabs": {"values", "march", "mesh", "apart"},
               "distance": {"values", "march", "simplify", "traverse"},
               "extract": {"values", "march", "mesh", "apart", "simplify", "traverse", "distance", "slabs", "ranks",

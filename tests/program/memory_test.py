@@ -224,7 +224,9 @@ def check_labels(folder):
     for options, to in (([], "meshes"), (["--distance", "1voxel"], "meshes"), (["--smooth"], "meshes"),
                         (["--smooth=3", "--close"], "meshes"), (["--smooth=3", "--distance", "1voxel"], "meshes"),
                         (["--smooth=3", "--min-volume", "9", "--components", "3"], "meshes"),
+                        (["--smooth=3", "--close", "--manifold"], "meshes"),
                         (["--smooth", "--close", "--interfaces"], "i.vtp"),
+                        (["--smooth", "--close", "--interfaces"], "i.msh"),
                         (["--smooth", "--interfaces", "--distance", "0.5voxel", "--keep-nodes"], "i.vtp"),
                         (["--smooth=3", "--close", "--format", "neuroglancer-multilod"], "levels"),
                         (["--smooth=3", "--format", "3dtiles"], "site")):

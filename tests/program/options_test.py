@@ -48,7 +48,7 @@ IN_WORDS = {
     "--fov": "camera", "--height": "camera", "--bound": "bound|field", "--vertices": "exact vertices",
     "--level": "level", "--box": "box", "--plane": "plane|slice", "--field": "indicator|field", "--graph-distance": "graphs?",
     "--space": "patient", "--contours": "lines", "--over": "Neuroglancer|label",
-    "--up": "y up", "--colors": "colours", "--range": "colours", "--norm": "L\\^|norm", "--iso": "isosurface|isovalue|label", "--quality": "quality",
+    "--up": "y up", "--mesh-unit": "another unit", "--manifold": "manifold", "--colors": "colours", "--range": "colours", "--norm": "L\\^|norm", "--iso": "isosurface|isovalue|label", "--quality": "quality",
 }
 
 STORES = ("store", "plane store", "label store", "url of a store")
@@ -96,10 +96,10 @@ OPTIONS = {
         "--cull-by": (["--cull-by", "grad_linf_plus"], ["--error", "5", "--view", "1,0,0"]),
         "--vertices": (["--vertices", "exact"], ["--error", "20"]), "--cells": (["--cells", "{cells}"], []),
         "--label": "label", "--labels": "label", "--smooth": (["--smooth"], []), "--keep-nodes": (["--keep-nodes"], []),
-        "--interfaces": (["--interfaces"], []), "--format": (["--format", "stl"], []), "--georeference": (["--georeference", "1,2"], ["--format", "3dtiles"]), "--normals": (["--normals"], []),
+        "--interfaces": (["--interfaces"], []), "--manifold": (["--manifold"], []), "--format": (["--format", "stl"], []), "--georeference": (["--georeference", "1,2"], ["--format", "3dtiles"]), "--normals": (["--normals"], []),
         "--vertex-values": (["--vertex-values", "{here}/other.isonest"], []),
         "--vertex-error": (["--vertex-error", "deviation_bar"], []), "--quality": (["--quality"], []), "--times": (["--times", "1"], []),
-        "--space": (["--space", "lps"], []), "--up": (["--up", "y"], []),
+        "--space": (["--space", "lps"], []), "--up": (["--up", "y"], []), "--mesh-unit": (["--mesh-unit", "m"], []),
         "--colors": (["--colors", "gray"], ["--vertex-values", "{here}/other.isonest"]),
         "--range": (["--range", "10,2000"], ["--vertex-values", "{here}/other.isonest", "--colors", "gray"]),
         "--over": (["--over", "precomputed"], ["--labels", "1", "--smooth", "--format", "neuroglancer"])},
@@ -107,7 +107,7 @@ OPTIONS = {
         "--output": None, "--plane": (["--plane", "1,2,3,24"], []), "--cells": (["--cells", "hex"], []),
         "--normals": (["--normals"], []), "--vertex-error": (["--vertex-error", "deviation_bar"], []),
         "--size": (["--size", "100x90"], []), "--colors": (["--colors", "gray"], []), "--plain": (["--plain"], []),
-        "--space": (["--space", "lps"], []), "--up": (["--up", "y"], []), "--range": (["--range", "10,20"], []), "--grid": (["--grid"], []), "--contours": (["--contours", "50"], []), "--times": (["--times", "1"], [])},
+        "--space": (["--space", "lps"], []), "--up": (["--up", "y"], []), "--mesh-unit": (["--mesh-unit", "m"], []), "--range": (["--range", "10,20"], []), "--grid": (["--grid"], []), "--contours": (["--contours", "50"], []), "--times": (["--times", "1"], [])},
     "study": {**NETWORK,
         "--out": None, "--fields": (["--fields", "l1_bar"], []), "--iso": (["--iso", "60"], []),
         "--plane": (["--plane", "1,2,3,24"], []), "--norm": (["--norm", "3"], []), "--graph-distance": (["--graph-distance"], []),

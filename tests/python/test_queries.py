@@ -314,6 +314,35 @@ def test_smooth_labels_share_their_triangles(tmp_path):
         store.label_surfaces(smooth=True, normals=True)
 
 
+def edges_with_more_than_two(faces):
+    sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), 1)
+    return int((np.unique(sides, axis=0, return_counts=True)[1] > 2).sum())
+
+
+def test_meshes_of_labels_are_made_manifold(tmp_path):
+    data = (np.random.default_rng(5).random((9, 10, 11)) < 0.5).astype("u1") + 1
+    isonest.preprocess(data, tmp_path / "s")
+    store = isonest.open(tmp_path / "s")
+    for label, mesh in store.label_surfaces(smooth=True).items():
+        assert mesh.report.nonmanifold_edges == edges_with_more_than_two(mesh.faces) > 0
+        assert mesh.report.split_vertices == 0
+        apart = store.label_surface(label, smooth=True, manifold=True)
+        assert edges_with_more_than_two(apart.faces) == 0
+        assert (apart.report.nonmanifold_edges, apart.report.nonmanifold_vertices) == (0, 0)
+        assert len(apart.vertices) == len(mesh.vertices) + apart.report.split_vertices == apart.report.vertices
+        np.testing.assert_array_equal(mesh.vertices[mesh.faces], apart.vertices[apart.faces])
+        together = store.label_surfaces(smooth=True, manifold=True)[label]
+        np.testing.assert_array_equal(together.faces, apart.faces)
+    # Surfaces of values are manifold anyway; they are counted with quality=True.
+    values = np.random.default_rng(6).integers(0, 4, (8, 9, 10)).astype("u1")
+    whole = isonest.isosurface(values, 2, quality=True)
+    assert (whole.report.nonmanifold_edges, whole.report.nonmanifold_vertices) == (0, 0)
+    assert isonest.isosurface(values, 2).report.nonmanifold_edges is None
+    same = isonest.isosurface(values, 2, manifold=True)
+    np.testing.assert_array_equal(np.sort(whole.vertices[whole.faces].reshape(-1)), np.sort(same.vertices[same.faces].reshape(-1)))
+    assert same.report.split_vertices == 0
+
+
 def test_interfaces_contain_all_faces_of_the_labels_meshes(tmp_path):
     data = np.ones((10, 11, 12), "u2")
     data[:, 4:, :] = 2

@@ -68,6 +68,19 @@ def test_other_queries_have_the_programs_bytes(stores, tmp_path):
                 "extract", stores / "map", "--graph", "--scale", "3", "--error", "0.1", "--normals")
 
 
+def test_saved_in_another_unit(tmp_path, noise):
+    isonest.preprocess(noise, tmp_path / "v", spacing=(2, 1, 0.5), unit="mm")
+    mesh = isonest.open(tmp_path / "v").isosurface(0.3, normals=False)
+    for form in ("ply", "stl", "obj", "vtp", "vtkhdf"):
+        run("extract", tmp_path / "v", "--iso", "0.3", "--mesh-unit", "um", "-o", tmp_path / f"theirs.{form}")
+        mesh.save(tmp_path / f"ours.{form}", mesh_unit="micrometre")
+        assert (tmp_path / f"ours.{form}").read_bytes() == (tmp_path / f"theirs.{form}").read_bytes(), form
+    with pytest.raises(isonest.Error, match="unit of their own"):
+        mesh.save(tmp_path / "no.glb", mesh_unit="m")
+    with pytest.raises(ValueError, match="mesh_unit=.ell."):
+        mesh.save(tmp_path / "no.ply", mesh_unit="ell")
+
+
 def test_other_programs_read_saved_meshes(stores, tmp_path):
     """In world coordinates; the attributes are present, and faces are oriented as requested."""
     meshio = pytest.importorskip("meshio")

@@ -161,15 +161,19 @@ struct SortedLabels {
 
 }  // namespace
 
-std::vector<LabelName> names_of(const Store& store, std::span<const Label> labels) {
-    std::vector<LabelName> names;
-    bool has_name = false;
+std::vector<LabelName> known_of(const Store& store, std::span<const Label> labels) {
+    std::vector<LabelName> known;
     for (const Label& label : labels) {
-        LabelName name = store.label_name(label.id).value_or(LabelName{});
-        name.id = label.id;
-        has_name = has_name || !name.name.empty();
-        names.push_back(std::move(name));
+        known.push_back(store.label_name(label.id).value_or(LabelName{}));
+        known.back().id = label.id;
     }
+    return known;
+}
+
+std::vector<LabelName> names_of(const Store& store, std::span<const Label> labels) {
+    std::vector<LabelName> names = known_of(store, labels);
+    const bool has_name = std::any_of(names.begin(), names.end(),
+                                      [](const LabelName& name) { return !name.name.empty(); });
     return has_name ? names : std::vector<LabelName>{};
 }
 
@@ -331,6 +335,7 @@ void extract_neuroglancer_meshes(
     if (!names.empty()) {
         detail::write_segment_properties(folder, names);
     }
+    detail::write_segment_colors(folder, detail::known_of(store, labels));
     detail::write_mesh_info(folder, header, shift_of(store, origin), !names.empty(), sharding);
 }
 

@@ -11,6 +11,8 @@
 
 namespace isonest::detail {
 
+/// What the store knows of these labels, in their order.
+std::vector<LabelName> known_of(const Store& store, std::span<const Label> labels);
 /// Names of these labels, in their order; empty if none has one.
 std::vector<LabelName> names_of(const Store& store, std::span<const Label> labels);
 

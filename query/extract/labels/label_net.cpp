@@ -14,6 +14,7 @@
 
 #include <isonest/error.h>
 
+#include "query/apart/manifold_sink.h"
 #include "query/extract/combinations.h"
 #include "query/extract/query_checks.h"
 #include "query/extract/report.h"
@@ -90,7 +91,17 @@ SmoothChoice smooth_choice(const StoreReader& store, const LabelQuery& query,
     }
     require_combination(features, name);
     require_simplifiable(query.effort, query.stop.has_value());
+    if (query.stages.manifold && feature) {
+        throw Error(
+            ErrorKind::invalid_argument, {name},
+            fmt::format(
+                "{} cannot be made a manifold: {}",
+                feature == Feature::interfaces ? "interfaces of labels" : "levels of detail",
+                feature == Feature::interfaces ? "several surfaces meet in their edges"
+                                               : "their meshes are cut into cells"));
+    }
     SmoothChoice choice{*query.smooth, query.stages.close, query.stages.components};
+    choice.manifold = query.stages.manifold;
     if (query.stop) {
         std::visit([](const auto& stop) { require_distance(stop); }, *query.stop);
         const auto* const bound = std::get_if<DistanceBound>(&*query.stop);
@@ -158,7 +169,8 @@ LabelNet::LabelNet(const StoreReader& store, std::span<const Label> labels,
     const std::uint64_t lists =
         labels.size() * (sizeof(std::int64_t) + sizeof(Label) + sizeof(std::size_t));
     const MemoryShare memory = memory_of(options, store.path().string()).without(lists);
-    const std::uint64_t each = kNetMeshHeap + (use.details ? use.details->heap : 0);
+    const std::uint64_t each =
+        kNetMeshHeap + ManifoldSink::kHeap + (use.details ? use.details->heap : 0);
     if (use.details) {
         memory.require(each, "packing the meshes of its labels");
     }
@@ -198,6 +210,18 @@ ExtractReport LabelNet::emit_measured(MeshSink& sink, Axes axes,
     return measured(smoothed({store_, choice_.smoothing, choice_.close, counts_, rounding_},
                              std::move(mesh), scratch_.meter()->peak()),
                     measuring);
+}
+
+/// The same for the mesh of a label, where it touches itself. Labels are made at the same time, so
+/// each counts alone.
+ExtractReport LabelNet::emit_counted(MeshSink& sink, Axes axes, const Progress& progress,
+                                     const std::function<LabelMesh(MeshSink&)>& emit) const {
+    ManifoldSink counting(sink,
+                          choice_.manifold ? TouchingSheets::separated : TouchingSheets::counted,
+                          scratch_, progress);
+    ExtractReport report = with_manifold(emit_measured(counting, axes, emit), counting);
+    report.scratch_bytes = scratch_.meter()->peak();
+    return report;
 }
 
 /// Outputs a label's mesh without the dropped components to a sink. The others have the same
@@ -240,7 +264,7 @@ LabelMesh LabelNet::emit_simplified(std::size_t number, MeshSink& sink,
 ExtractReport LabelNet::emit_label(std::size_t number, MeshSink& sink, const Progress& progress,
                                    Axes axes) const {
     const std::int64_t label = wanted_[number];
-    return emit_measured(sink, axes, [&](MeshSink& to) {
+    return emit_counted(sink, axes, progress, [&](MeshSink& to) {
         if (is_simplified_) {
             return emit_simplified(number, to, progress);
         }

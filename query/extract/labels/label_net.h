@@ -47,6 +47,7 @@ struct SmoothChoice {
     std::optional<Outside> close;
     std::optional<ComponentChoice> components;
     std::optional<DistanceChoice> distance = {};  ///< if meshes are simplified
+    bool manifold = false;                        ///< see SurfaceStages
 };
 
 /// Rejects queries that are invalid for this store. `feature`: what is requested in addition to
@@ -102,6 +103,8 @@ class LabelNet {
   private:
     ExtractReport emit_measured(MeshSink& sink, Axes axes,
                                 const std::function<LabelMesh(MeshSink&)>& emit) const;
+    ExtractReport emit_counted(MeshSink& sink, Axes axes, const Progress& progress,
+                               const std::function<LabelMesh(MeshSink&)>& emit) const;
     [[nodiscard]] LabelMesh emit_kept(std::int64_t label, MeshSink& sink,
                                       const Progress& progress) const;
     [[nodiscard]] LabelMesh emit_simplified(std::size_t number, MeshSink& sink,

@@ -103,10 +103,10 @@ struct LabelChoice {
 /// same triangles, with opposite orientation.
 ///
 /// Every edge of a mesh has two triangles, except where a label touches itself along an edge of its
-/// voxels: there it has four. At the volume's border, half a node spacing beyond the last nodes,
-/// meshes are open, or closed with SurfaceStages::close. Dropping components does not change the
-/// others: the nodes of a dropped component lie inside no mesh or, if it was a cavity, also inside
-/// the mesh around it.
+/// voxels: there it has four (ManifoldReport::edges), unless SurfaceStages::manifold is set. At the
+/// volume's border, half a node spacing beyond the last nodes, meshes are open, or closed with
+/// SurfaceStages::close. Dropping components does not change the others: the nodes of a dropped
+/// component lie inside no mesh or, if it was a cavity, also inside the mesh around it.
 struct LabelSmoothing {
     static constexpr int kMaxPasses = 64;
     [[deprecated("now called kMaxPasses")]] static constexpr int kMostPasses = kMaxPasses;

@@ -47,6 +47,18 @@ struct ApartReport {
     std::uint64_t together = 0;  ///< could not be separated
 };
 
+/// Where a mesh of triangles is not a manifold with border.
+struct ManifoldReport {
+    /// Edges with more than two triangles: where a label touches itself along an edge of its
+    /// voxels.
+    std::uint64_t edges = 0;
+    /// Vertices where triangles meet that no chain of common edges around the vertex connects.
+    std::uint64_t vertices = 0;
+    /// With SurfaceStages::manifold: vertices that were added to separate these places. The mesh
+    /// that is written then has none.
+    std::uint64_t copies = 0;
+};
+
 struct ComponentReport {
     std::uint64_t components = 0;         ///< before dropping
     std::uint64_t dropped = 0;            ///< number of components dropped
@@ -211,6 +223,10 @@ struct ExtractReport {
     std::optional<ClosingReport> closing = {};
     MendingReport mending = {};
     ApartReport apart = {};
+    /// Present for smooth labels and with SurfaceStages::manifold; also with
+    /// ExtractOptions::quality, except on several ranks. Not for interfaces, where three surfaces
+    /// may meet.
+    std::optional<ManifoldReport> manifold = {};
     std::optional<ComponentReport> components = {};
     std::optional<DistanceReport> distance = {};
     std::optional<ErrorSimplificationReport> simplified_error = {};

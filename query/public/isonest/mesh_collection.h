@@ -21,9 +21,11 @@ struct MeshObject {
     std::optional<LabelColor> color = {};  ///< as MeshFileOptions::color
 };
 
-/// Writes .glb (a node, a mesh and a material per object) and .3mf (an object and an item per
-/// object). Meshes are kept in a temporary file until all are complete, because such files begin
-/// with a description of all of them. Objects without triangles are left out.
+/// Writes .glb (a node, a mesh and a material per object), .3mf (an object and an item per object)
+/// and .vtkhdf (a partitioned dataset per object in a collection, VTKHDF 2.1: the name of its block
+/// has the title's letters and digits, title and colour are attributes). Meshes are kept in a
+/// temporary file until all are complete, because such files begin with a description of all of
+/// them. Objects without triangles are left out.
 class MeshCollection {
   public:
     /// Whether the format of this name can hold several objects.

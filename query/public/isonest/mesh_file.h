@@ -54,6 +54,10 @@ struct MeshFileOptions {
     /// For .glb and .obj only; rejected for other formats. With y, (x, y, z) becomes (x, z, -y): by
     /// the node's rotation in .glb, in the coordinates in .obj.
     UpAxis up = UpAxis::z;
+    /// The unit of length of the positions, if not that of the mesh, which must be known. Rejected
+    /// for .glb, .3mf and .ngmesh, which have units of their own. Positions are multiplied before
+    /// they are rounded to float32 once more.
+    std::optional<LengthUnit> unit = {};
     /// For .ngmesh only: added to all positions, in world units (see VoxelOrigin). Rejected for
     /// other formats.
     Double3 shift = {};

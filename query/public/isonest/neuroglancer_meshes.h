@@ -48,7 +48,8 @@ bool has_neuroglancer_meshes();
 
 /// Writes the meshes of labels (from find_labels()) into an existing folder, in the format
 /// neuroglancer_multilod_draco: the file `info`, files LABEL.index and LABEL for each label, or
-/// shards, and, if the store has label names, the folder segment_properties. Existing files are
+/// shards, and, if the store has label names, the folder segment_properties; if it has colours,
+/// segment_colors.json, the member "segmentColors" of a segmentation layer. Existing files are
 /// replaced. The output depends only on the store, the query and the version of Draco.
 ///
 /// `query` must have `smooth` and no components; its label is ignored. Level 0 is the result of

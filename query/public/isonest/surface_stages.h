@@ -25,8 +25,8 @@ struct ComponentChoice {
     double min_volume = 0;
 };
 
-/// Applied in this order: close, drop components, simplify according to the stop test, pass to the
-/// sink.
+/// Applied in this order: close, drop components, simplify according to the stop test, make a
+/// manifold, pass to the sink.
 struct SurfaceStages {
     /// Closes the surface with caps on the faces of the volume or of the box, so that every edge
     /// has two triangles. It stays open only at missing values. Caps are oriented like the surface:
@@ -37,6 +37,12 @@ struct SurfaceStages {
     std::optional<Outside> close = {};
     /// Removes small components; without a value, components are not searched for.
     std::optional<ComponentChoice> components = {};
+    /// Gives each sheet its own vertices where the surface touches itself in an edge or a vertex,
+    /// so that every edge has at most two triangles and the triangles around every vertex are one
+    /// fan. Vertices are copied, not moved: programs that join vertices by position undo it.
+    /// Surfaces of values are manifold anyway. Takes at most 70 bytes of temporary space per
+    /// triangle. Not for interfaces of labels, levels of detail and isolines.
+    bool manifold = false;
 };
 
 /// An analysis of a surface, saved in its own file: meshes of the surface within distances from an

@@ -188,7 +188,9 @@ Result run_isovalues(const Store& store, const ExtractCommand& arguments, const 
                           std::move(features));
     };
     const bool tiles = makes_tiles(arguments.extract);
-    const bool objects = in_one && !tiles && makes_objects(mesh, std::string());
+    // A file of several objects, unless the format holds the isovalues of one mesh.
+    const bool objects = in_one && !tiles && makes_objects(mesh, std::string()) &&
+                         lower_extension(mesh) != ".vtkhdf";
     if (in_one && !objects) {
         if (!tiles) {
             require_place_for_isovalue(mesh);
@@ -544,6 +546,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
     CLI::Option* const close = add_close_option(c, a->close);
     close->excludes(graph);
     c->add_flag("--volume-interval", a->volume_interval)->needs(close);
+    c->add_flag("--manifold", a->manifold)->excludes(graph);
     add_parsed(c, "--scale", [a](const std::string& text) {
         a->scale = parse_number("--scale", text);
     })->needs(graph);

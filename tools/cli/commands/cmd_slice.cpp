@@ -122,6 +122,10 @@ Result slice_store(const Store& store, SliceArguments& a, Progress& progress) {
         throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
                     "--grid needs a picture: give a name that ends with .png");
     }
+    if (picture && a.extract.mesh_unit) {
+        throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
+                    "--mesh-unit needs a mesh, and this is a picture");
+    }
     if (picture && (a.extract.space != MeshSpace::automatic || a.extract.up != UpAxis::z)) {
         throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
                     fmt::format("{} needs a mesh, and this is a picture",

@@ -60,6 +60,23 @@ std::string empty_volume(VolumeSource& volume, const InputArguments& in, double 
 
 }  // namespace
 
+namespace {
+
+/// Rejects outputs in which --manifold has no effect.
+void require_shared_vertices(const ExtractArguments& a, const std::string& format) {
+    if (makes_tiles(a)) {
+        throw Error(ErrorKind::invalid_argument, {a.mesh},
+                    "--manifold: 3D Tiles are cut into cubes, which separates vertices anyway");
+    }
+    if (format == "stl" || lower_extension(a.mesh) == ".stl") {
+        throw Error(ErrorKind::invalid_argument, {a.mesh},
+                    "--manifold: triangles of .stl share no vertices, so programs that read it "
+                    "join what was separated; write another format");
+    }
+}
+
+}  // namespace
+
 bool ExtractCommand::is_simplified() const {
     return !extract.is_graph && effort_of(features_of(surface_query(nullptr))) != Effort::none;
 }
@@ -76,7 +93,10 @@ SurfaceQuery ExtractCommand::surface_query(const Store* others) const {
     }
     query.stop = distance.stop().value_or(query.stop);
     query.effort = distance.effort;
-    query.stages = {close, components};
+    if (manifold) {
+        require_shared_vertices(a, labels.has_format ? labels.format : "");
+    }
+    query.stages = {close, components, manifold};
     if (distance.analysis && !distance.stop()) {
         throw Error(ErrorKind::invalid_argument, "--keep-analysis needs --distance or --triangles");
     }
@@ -257,6 +277,7 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
         result.text +=
             origin.store != nullptr ? empty_surface(*origin.store, arguments, r) : origin.why_empty;
     }
+    result.text += manifold_text(r);
     if (r.mending.mended > 0) {
         result.text +=
             fmt::format("{} triangles that degenerate in 32-bit floats were removed or repaired.\n",

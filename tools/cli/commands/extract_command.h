@@ -28,6 +28,7 @@ struct ExtractCommand {
     std::optional<ComponentChoice> components;
     std::optional<Outside> close;
     bool volume_interval = false;
+    bool manifold = false;  ///< separate sheets that touch
     VertexPlace vertices = VertexPlace::linear;
     std::string values;  ///< location of a second store, or empty
     std::vector<NamedValues> named_values;

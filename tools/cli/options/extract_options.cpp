@@ -296,6 +296,13 @@ void add_space_options(CLI::App* c, ExtractArguments& a) {
         }
         a.up = text == "y" ? UpAxis::y : UpAxis::z;
     });
+    add_parsed(c, "--mesh-unit", [&a](const std::string& text) {
+        a.mesh_unit = length_unit_from(text);
+        if (!a.mesh_unit) {
+            throw Error(ErrorKind::invalid_argument, fmt::format("--mesh-unit '{}': give one of {}",
+                                                                 text, list_of_length_units()));
+        }
+    });
     add_parsed(c, "--space", [&a](const std::string& text) {
         const auto frame = frame_from(text);
         if (!frame && text != "as-stored") {
@@ -312,15 +319,27 @@ void add_space_json(AnatomicalFrame frame, const ExtractArguments& a, const std:
                     Json& json) {
     json["frame"] = frame_json(frame);
     json["space"] = frame_json(frame_in_file(frame, a.space, mesh));
+    if (a.mesh_unit) {
+        json["mesh_unit"] = symbol_of(*a.mesh_unit);
+    }
 }
 
 std::string space_line(AnatomicalFrame frame, const ExtractArguments& a, const std::string& mesh) {
     const AnatomicalFrame written = frame_in_file(frame, a.space, mesh);
-    return sign_between(frame, written) < 0 ? fmt::format(
-                                                  "positions are in {}: those of the volume, which "
-                                                  "are in {}, with x and y negated\n",
-                                                  name_of(written), name_of(frame))
-                                            : "";
+    std::string text;
+    if (sign_between(frame, written) < 0) {
+        text = fmt::format(
+            "positions are in {}: those of the volume, which are in {}, with x and y "
+            "negated\n",
+            name_of(written), name_of(frame));
+    }
+    if (a.mesh_unit) {
+        text += fmt::format(
+            "positions in the file are in {}, but everything reported here is in "
+            "the unit of the volume\n",
+            symbol_of(*a.mesh_unit));
+    }
+    return text;
 }
 
 void add_cells_option(CLI::App* c, ExtractArguments& a) {
@@ -467,6 +486,32 @@ ExtractOptions options_of(const ExtractArguments& a) {
     return options;
 }
 
+std::string manifold_text(const ExtractReport& r) {
+    if (!r.manifold || r.triangles == 0) {
+        return "";
+    }
+    const auto& [edges, vertices, copies] = *r.manifold;
+    std::string text;
+    if (copies > 0) {
+        text += fmt::format("{} vertices were added where the surface touches itself.\n", copies);
+    }
+    if (edges > 0 || vertices > 0) {
+        text += fmt::format(
+            "The surface touches itself in {} edges with more than two triangles and {} vertices{}."
+            "\n",
+            edges, vertices, copies > 0 ? "" : "; --manifold separates them");
+    }
+    return text;
+}
+
+void add_manifold_json(const ExtractReport& r, Json& json) {
+    if (r.manifold) {
+        json["nonmanifold_edges"] = r.manifold->edges;
+        json["nonmanifold_vertices"] = r.manifold->vertices;
+        json["split_vertices"] = r.manifold->copies;
+    }
+}
+
 Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
     const std::string cells = r.traversal.cells == Cells::hexahedra ? "hexahedra" : "tetrahedra";
     Json json = {{"mesh", a.mesh},
@@ -500,6 +545,7 @@ Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
         json["area"] = r.measures->area;
         json["volume"] = r.measures->volume ? Json(*r.measures->volume) : Json();
     }
+    add_manifold_json(r, json);
     if (r.quality) {
         json["smallest_angle"] = {
             {"min", r.quality->least},     {"q0.1%", r.quality->per_mille},

@@ -60,9 +60,10 @@ struct ExtractArguments {
     std::string cells_name = {};  ///< as given
     bool is_slice = false;        ///< true for contour lines too
     bool is_graph = false;
-    MeshSpace space = MeshSpace::automatic;  ///< space of the mesh file
-    UpAxis up = UpAxis::z;                   ///< of the mesh file
-    std::string color_map = {};              ///< for colours of vertices; empty: none
+    MeshSpace space = MeshSpace::automatic;    ///< space of the mesh file
+    UpAxis up = UpAxis::z;                     ///< of the mesh file
+    std::optional<LengthUnit> mesh_unit = {};  ///< of the positions in a mesh file
+    std::string color_map = {};                ///< for colours of vertices; empty: none
     std::optional<std::array<double, 2>> color_range = {};
     std::optional<VertexColors> vertex_colors = {};  ///< set by choose_colors()
     /// Fields that are added to the meshes when they are written; null: none. Must live until all
@@ -79,7 +80,8 @@ struct ExtractArguments {
                 .color = {},
                 .space = space,
                 .colors = vertex_colors,
-                .up = up};
+                .up = up,
+                .unit = mesh_unit};
     }
     template <class Stop>
     [[nodiscard]] Stop stop_test() const {
@@ -106,7 +108,7 @@ void choose_colors(ExtractArguments& a, const std::string& attribute, double low
 /// The two values of --range, in ascending order, also by the name of a window.
 std::array<double, 2> parse_range(const std::string& text);
 
-/// Adds --space and --up, for the positions in a mesh file.
+/// Adds --space, --up and --mesh-unit, for the positions in a mesh file.
 void add_space_options(CLI::App* command, ExtractArguments& a);
 /// Adds "frame" (of the world) and "space" (of a mesh file with this name).
 void add_space_json(AnatomicalFrame frame, const ExtractArguments& a, const std::string& mesh,
@@ -148,6 +150,10 @@ std::string volume_text(const Store& store);
 /// Options for extract(); the scratch folder is the folder of the output.
 ExtractOptions options_of(const ExtractArguments& a);
 /// The members of the JSON report that all these commands have.
+/// Where the mesh is not a manifold, and what was done about it, in lines; empty: nothing to say.
+std::string manifold_text(const ExtractReport& r);
+/// Adds the same; nothing if it was not counted.
+void add_manifold_json(const ExtractReport& r, Json& json);
 Json extract_json(const ExtractArguments& a, const ExtractReport& r);
 
 }  // namespace isonest::detail::cli

@@ -13,6 +13,7 @@
 #include <isonest/error.h>
 #include <isonest/labels.h>
 #include <isonest/mesh_file.h>
+#include <isonest/mesher_file.h>
 #include <isonest/neuroglancer_meshes.h>
 
 #include "query/extract/labels/extract_labels.h"
@@ -152,6 +153,7 @@ void write_neuroglancer(const fs::path& folder, const Store& store,
         write_segment_properties(folder, names);
         info["segment_properties"] = "segment_properties";
     }
+    write_segment_colors(folder, known_of(store, labels));
     write_text(folder / "info", info.dump() + "\n");
 }
 
@@ -201,7 +203,23 @@ Json json_of(const Store& store, const Label& label, const ExtractReport& r,
     if (r.components) {
         add_component_json(*r.components, json);
     }
+    add_manifold_json(r, json);
     return json;
+}
+
+/// The sum over the meshes, with what result_of() says of one.
+ExtractReport in_all_meshes(std::span<const ExtractReport> reports) {
+    ExtractReport sum;
+    for (const ExtractReport& r : reports) {
+        sum.triangles += r.triangles;
+        if (r.manifold) {
+            ManifoldReport& all = sum.manifold ? *sum.manifold : sum.manifold.emplace();
+            all.edges += r.manifold->edges;
+            all.vertices += r.manifold->vertices;
+            all.copies += r.manifold->copies;
+        }
+    }
+    return sum;
 }
 
 }  // namespace
@@ -289,8 +307,7 @@ std::string sheets_text(const ExtractReport& r, const std::string& unit) {
 }
 
 std::string smooth_close_text() {
-    return "closed at the outer faces of the voxels at the volume's border; edges have two "
-           "triangles, or four where the label touches itself\n";
+    return "closed at the outer faces of the voxels at the volume's border\n";
 }
 
 void add_smooth_json(const SmoothReport& r, Json& json) {
@@ -320,14 +337,15 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     if (fs::exists(folder, error) && !fs::is_directory(folder, error)) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
                     "is not a folder; with --labels, give a folder for the meshes, or a name that "
-                    "ends with .glb or .3mf for one file with all of them");
+                    "ends with .glb, .3mf or .vtkhdf for one file with all of them");
     }
     if (const std::string end = lower_extension(folder);
         !fs::exists(folder, error) && end.size() > 1 &&
         std::find(kFormats.begin(), kFormats.end(), end.substr(1)) != kFormats.end()) {
-        throw Error(ErrorKind::invalid_argument, {a.mesh},
-                    "--labels needs a folder for the meshes, or a name that ends with .glb or .3mf "
-                    "for one file with all of them");
+        throw Error(
+            ErrorKind::invalid_argument, {a.mesh},
+            "--labels needs a folder for the meshes, or a name that ends with .glb, .3mf or "
+            ".vtkhdf for one file with all of them");
     }
     const bool is_turned = a.space != MeshSpace::automatic && a.space != MeshSpace::as_stored;
     constexpr std::array kWithFields{"ply", "vtp", "vtkhdf", "glb"};
@@ -342,6 +360,10 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
         throw Error(
             ErrorKind::invalid_argument, {a.mesh},
             "--vertex-values: meshes for Neuroglancer cannot have values at their vertices");
+    }
+    if (makes_detail_levels(labels) && a.mesh_unit) {
+        throw Error(ErrorKind::invalid_argument, {a.mesh},
+                    "--mesh-unit: meshes for Neuroglancer are always in nanometres");
     }
     if (makes_detail_levels(labels) && (is_turned || a.up != UpAxis::z)) {
         throw Error(ErrorKind::invalid_argument, {a.mesh},
@@ -451,6 +473,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
                                                    ? " except those of dropped components\n"
                                                    : "\n");
     }
+    result.text += manifold_text(in_all_meshes(reports));
     if (components) {
         result.text += fmt::format(
             "all labels together have {} components; {} were dropped, with {} triangles, the "
@@ -509,9 +532,41 @@ Result extract_labels_together(const Store& store, const LabelArguments& labels,
     if (furthest.smooth) {
         result.text += smooth_text(*furthest.smooth) + "\n";
     }
+    result.text += manifold_text(in_all_meshes(reports));
     output.finish(furthest, progress, result);
     return result;
 }
+
+namespace {
+
+/// The file for the interfaces of some labels.
+std::unique_ptr<MeshSink> open_interfaces(const Store& store, std::span<const Label> labels,
+                                          const ExtractArguments& a) {
+    const MeshFileOptions file = a.file_options();
+    if (!is_mesher_file(a.mesh)) {
+        return open_mesh_file(a.mesh, file);
+    }
+    MesherFileOptions options{file.replace, file.space, file.unit, {}, options_of(a).scratch};
+    for (const Label& label : labels) {
+        options.labels.push_back(store.label_name(label.id).value_or(LabelName{}));
+        options.labels.back().id = label.id;
+    }
+    return open_mesher_file(a.mesh, options);
+}
+
+/// The command that makes tetrahedra; empty for other files.
+std::string mesher_text(const std::string& mesh) {
+    if (!is_mesher_file(mesh)) {
+        return "";
+    }
+    fs::path script = mesh;
+    return lower_extension(mesh) == ".msh"
+               ? fmt::format("gmsh -3 {} makes tetrahedra of it\n",
+                             script.replace_extension(".geo").string())
+               : fmt::format("tetgen -pA {} makes tetrahedra of it\n", mesh);
+}
+
+}  // namespace
 
 Result extract_label_interfaces(const Store& store, const LabelArguments& labels,
                                 const ExtractArguments& a, const LabelQuery& query,
@@ -520,17 +575,24 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
         throw Error(ErrorKind::invalid_argument, {a.store},
                     "--interfaces needs --smooth; --smooth=0 keeps the faces of the voxels");
     }
-    const std::unique_ptr<MeshSink> sink =
-        with_fields(a.fields, open_mesh_file(a.mesh, a.file_options()));
+    std::unique_ptr<MeshSink> sink;
+    const auto open = [&](std::span<const Label> chosen) {
+        sink = with_fields(a.fields, open_interfaces(store, chosen, a));
+        MeshLayout layout;
+        layout.unit = store.unit();
+        layout.frame = store.frame();
+        layout.has_sides = true;
+        const fs::path input = a.store;
+        sink->prepare(layout, std::span(&input, 1));
+    };
     // Fails early if the format cannot hold the attributes of the mesh.
-    MeshLayout layout;
-    layout.frame = store.frame();
-    layout.has_sides = true;
-    const fs::path input = a.store;
-    sink->prepare(layout, std::span(&input, 1));
+    open({});
     const std::vector<Label> chosen =
         chosen_of(find_labels(store, {a.options.memory, a.options.threads}, progress),
                   *labels.several, a.store);
+    if (is_mesher_file(a.mesh)) {
+        open(chosen);
+    }
     // The maximum number of labels listed in a report; if there are more, only their number is
     // reported.
     constexpr std::uint64_t kMaxListed = 10000;
@@ -569,7 +631,7 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
         a.mesh, r.triangles, r.vertices, r.interfaces->interfaces, chosen.size(),
         human_seconds(r.seconds), sheets_text(r, unit), smooth_text(*r.smooth), r.measures->area,
         unit.empty() ? "" : unit + "2", r.interfaces->outside);
-    result.text += version_text(a.mesh);
+    result.text += version_text(a.mesh) + mesher_text(a.mesh);
     if (r.closing) {
         add_close_json(*r.closing, result.json);
         result.text += "closed at the outer faces of the voxels at the volume's border\n";

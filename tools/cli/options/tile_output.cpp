@@ -150,6 +150,11 @@ MeshOutput::MeshOutput(const ExtractArguments& a, const MeshFileOptions& file,
         }
         return;
     }
+    if (a.mesh_unit) {
+        throw Error(ErrorKind::invalid_argument, {a.mesh},
+                    "--mesh-unit: 3D Tiles are always in metres if the unit of the coordinates is "
+                    "known");
+    }
     TilesetOptions options;
     options.replace = file.replace;
     set_lattice(header, heights, options);

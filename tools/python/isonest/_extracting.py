@@ -38,7 +38,8 @@ class Extracting:
                    normals: bool = True, vertex_values: "Optional[Extracting]" = None,
                    vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Optional[Cells] = None,
                    components: Components = None, min_component: int = 0, min_volume: float = 0.0,
-                   close: Close = None, volume_interval: bool = False, coordinates: Coordinates = "array",
+                   close: Close = None, manifold: bool = False, volume_interval: bool = False,
+                   coordinates: Coordinates = "array",
                    gradient_direction: str = "descent", quality: bool = False, memory: Bytes = "1G", threads: int = 0,
                    scratch: _Path = "", progress: Progress = None) -> "Mesh | list[Mesh]":
         """Extracts the surface on which the data have the value ``iso``; for data in a plane, isolines.
@@ -80,6 +81,7 @@ class Extracting:
         min_component: drop pieces with fewer triangles. min_volume: drop closed pieces that enclose a smaller volume.
         close: close the surface to a solid; the space outside the volume counts as "below" the isovalue (or True) or
             "above" it.
+        manifold: give each sheet its own vertices where the surface touches itself, so that edges have two triangles.
         volume_interval: report an interval that contains the solid's volume at full resolution.
         coordinates: "array" is (z, y, x) times the spacing, "world" is (x, y, z) including the origin.
         gradient_direction: orientation of the faces, "descent" or "ascent", as in scikit-image.
@@ -111,6 +113,7 @@ class Extracting:
         query.set_vertices(vertices)
         _queries.set_components(query, components, min_component, min_volume)
         _queries.set_close(query, close)
+        query.set_manifold(manifold)
         query.set_volume_interval(volume_interval)
         options = _queries.options(memory, threads, scratch, quality)
         if np.ndim(iso) == 0:
@@ -123,7 +126,7 @@ class Extracting:
                       effort: Optional[Effort] = None, box: Optional[Box] = None, normals: bool = False,
                       vertex_values: "Optional[Extracting]" = None, cells: Optional[Cells] = None,
                       components: Components = None, min_component: int = 0, min_volume: float = 0.0,
-                      close: Close = None, smooth: Smooth = None, keep_nodes: bool = False,
+                      close: Close = None, smooth: Smooth = None, keep_nodes: bool = False, manifold: bool = False,
                       coordinates: Coordinates = "array",
                       quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
                       progress: Progress = None) -> Mesh:
@@ -137,10 +140,13 @@ class Extracting:
             triangles (the total of all labels, shared ones counted once) it is simplified, whatever ``effort`` is;
             then only nodes further away than the distance are sure to stay on their sides.
         keep_nodes: keep all nodes on their sides, even within the distance.
+        manifold: where the label touches itself, edges have four triangles (``report.nonmanifold_edges``); True
+            separates them.
         """
         place = self._place(coordinates)
         query = self._label_query(place, distance, triangles, effort, box, normals, vertex_values, cells, components,
                                   min_component, min_volume, close, smooth, keep_nodes)
+        query.set_manifold(manifold)
         number = self._label_id(label)
         query.set_label(number)
         options = _queries.options(memory, threads, scratch, quality)
@@ -150,7 +156,7 @@ class Extracting:
                        triangles: Optional[int] = None, effort: Optional[Effort] = None, box: Optional[Box] = None,
                        normals: bool = False, vertex_values: "Optional[Extracting]" = None, cells: Optional[Cells] = None,
                        components: Components = None, min_component: int = 0, min_volume: float = 0.0,
-                       close: Close = None, smooth: Smooth = None, keep_nodes: bool = False,
+                       close: Close = None, smooth: Smooth = None, keep_nodes: bool = False, manifold: bool = False,
                        coordinates: Coordinates = "array",
                        quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
                        progress: Progress = None) -> "dict[int, Mesh]":
@@ -161,6 +167,7 @@ class Extracting:
         place = self._place(coordinates)
         query = self._label_query(place, distance, triangles, effort, box, normals, vertex_values, cells, components,
                                   min_component, min_volume, close, smooth, keep_nodes)
+        query.set_manifold(manifold)
         options = _queries.options(memory, threads, scratch, quality)
         ids = None if labels is None else [self._label_id(label) for label in labels]
         with reporting(progress) as report:

@@ -186,7 +186,8 @@ class Mesh:
         return self._other("array")
 
     def save(self, path: "os.PathLike[str] | str", *, space: Optional[Space] = None,
-             shift: "tuple[float, float, float]" = (0, 0, 0), up: Up = "z", progress: Progress = None) -> None:
+             shift: "tuple[float, float, float]" = (0, 0, 0), up: Up = "z", mesh_unit: Optional[str] = None,
+             progress: Progress = None) -> None:
         """Writes the mesh to a file, in world coordinates.
 
         The file name extension chooses the format: .ply, .stl, .obj, .vtp, .vtkhdf, .glb, .3mf or .ngmesh; for lines
@@ -198,12 +199,14 @@ class Mesh:
         shift: (x, y, z), added to all vertices; only for ``.ngmesh``. Use half the spacing if Neuroglancer shows the
             mesh over a precomputed volume, whose coordinates start at the corner of the first voxel.
         up: the axis that points up in the file, "z", or "y" as viewers of ``.glb`` and ``.obj`` expect; only for those.
+        mesh_unit: the unit of the positions in the file, such as "m"; None: that of the mesh. Not for ``.glb``,
+            ``.3mf`` and ``.ngmesh``, which have units of their own.
         progress: a function ``(phase, done, total, unit)``, or True for bars of tqdm.
         """
         with reporting(progress) as report:
             _core.save_mesh(os.fspath(path), self._layout, self._positions, self._elements.view(np.uint32), self._flip,
                             self._normals, self._values, self._errors, list(self._fields.values()), self._labels, space,
-                            shift, up, report)
+                            shift, up, mesh_unit, report)
 
     def _attributes(self) -> dict[str, np.ndarray]:
         named = {"normal": self._normals, "value": self._values, "error": self._errors}

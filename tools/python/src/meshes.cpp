@@ -324,6 +324,7 @@ py::tuple march_mesh(VolumeSource& volume, const MarchQuery& query, const Extrac
 /// Whether the surface at full resolution is the result, without further stages.
 bool is_marched_alone(const VolumeSource& volume, const SurfaceQuery& query) {
     return std::holds_alternative<ErrorBound>(query.stop) && detail::is_plain_surface(query) &&
+           !query.stages.manifold &&
            query.effort.value_or(Effort::none) == Effort::none &&  // extract() throws for others
            volume.describe().direction == kAlongWorld;
 }
@@ -520,10 +521,14 @@ void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, cons
                const std::optional<Doubles>& values, const std::optional<Floats>& errors,
                const py::list& fields, const std::optional<LabelNumbers>& labels,
                const std::optional<std::string>& space, const Double3& shift, const std::string& up,
-               const py::object& progress) {
+               const std::optional<std::string>& unit, const py::object& progress) {
     const MeshSpace written = space_of(space);
     if (up != "y" && up != "z") {
         throw py::value_error("up='" + up + "': give 'y' or 'z'");
+    }
+    const std::optional<LengthUnit> in = unit ? length_unit_from(*unit) : std::nullopt;
+    if (unit && !in) {
+        throw py::value_error("mesh_unit='" + *unit + "': give one of " + list_of_length_units());
     }
     ArrayMesh mesh;
     mesh.vertices = static_cast<std::size_t>(positions.size()) / 3;
@@ -549,6 +554,7 @@ void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, cons
                                   .color = origin.label.color,
                                   .space = written,
                                   .up = up == "y" ? UpAxis::y : UpAxis::z,
+                                  .unit = in,
                                   .shift = shift});
         write_mesh(mesh, origin, path, *sink, p);
     });
@@ -625,7 +631,7 @@ void add_meshes(py::module_& module) {
                "options"_a, "progress"_a);
     module.def("save_mesh", &save_mesh, "path"_a, "layout"_a, "positions"_a, "elements"_a, "flip"_a,
                "normals"_a, "values"_a, "errors"_a, "fields"_a, "labels"_a, "space"_a, "shift"_a,
-               "up"_a, "progress"_a);
+               "up"_a, "unit"_a, "progress"_a);
     add_mesh_fields(module);
 }
 

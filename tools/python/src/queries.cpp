@@ -250,6 +250,8 @@ void add_surface(py::module_& module) {
             [](A& a, const std::string& outside) { a.query.stages.close = outside_of(outside); },
             "outside"_a)
         .def(
+            "set_manifold", [](A& a, bool asked) { a.query.stages.manifold = asked; }, "asked"_a)
+        .def(
             "set_volume_interval", [](A& a, bool asked) { a.query.volume_interval = asked; },
             "asked"_a)
         .def(

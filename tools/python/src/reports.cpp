@@ -422,6 +422,20 @@ void add_extract_report(py::module_& module) {
             "analysis_file",
             [](const R& r) { return r.analysis ? std::optional(r.analysis->file) : std::nullopt; },
             "the file of the kept analysis, or None")
+        .def_property_readonly(
+            "nonmanifold_edges",
+            [](const R& r) { return r.manifold ? std::optional(r.manifold->edges) : std::nullopt; },
+            "edges with more than two triangles: where a label touches itself; None if they were "
+            "not counted")
+        .def_property_readonly(
+            "nonmanifold_vertices",
+            [](const R& r) {
+                return r.manifold ? std::optional(r.manifold->vertices) : std::nullopt;
+            },
+            "vertices with several fans of triangles, or None")
+        .def_property_readonly(
+            "split_vertices", [](const R& r) { return r.manifold ? r.manifold->copies : 0; },
+            "vertices added with manifold=True")
         .def_property_readonly("mended_triangles", [](const R& r) { return r.mending.mended; })
         .def_property_readonly("zero_area_triangles",
                                [](const R& r) { return r.mending.zero_area; })
