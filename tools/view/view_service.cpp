@@ -403,6 +403,7 @@ HttpAnswer ViewService::status() const {
                  {"memory", shares_.memory},
                  {"surface", int{surface_lane_.busy()}},
                  {"slice", int{slice_lane_.busy()}},
+                 {"file", int{file_lane_.busy()}},
                  {"waiting", surface_lane_.waiting() + slice_lane_.waiting() +
                                  file_lane_.waiting() + small_lane_.waiting()},
                  {"served", served_.load()},
