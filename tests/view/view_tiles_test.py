@@ -105,7 +105,7 @@ class Tiles(unittest.TestCase):
         with h5py.File(HERE / "labels.h5", "w") as file:
             file["v"] = numpy.arange(4913, dtype=numpy.int64).reshape(17, 17, 17) % 3
             file["flat"] = numpy.arange(289, dtype=numpy.float32).reshape(17, 17)
-        isonest("preprocess", "labels.h5", "--dataset", "v", "-o", "labels.isonest", "-q")
+        isonest("preprocess", "labels.h5", "--dataset", "v", "--labels", "-o", "labels.isonest", "-q")
         isonest("preprocess", "labels.h5", "--dataset", "flat", "-o", "flat.isonest", "-q")
         for store in ("labels.isonest", "flat.isonest"):
             with view(store) as server:

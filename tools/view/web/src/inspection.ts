@@ -30,6 +30,7 @@ export interface Inspection {
     readonly shown: number;
     readonly loads: number;
     readonly limited: boolean;
+    readonly full: boolean;
     /** Errors of the tiles that are shown. */
     readonly errors: readonly number[];
     readonly tileset: string | null;
@@ -104,6 +105,7 @@ export function inspection(parts: Parts): Inspection {
       const errors = selection?.drawn.map(({ error }) => error) ?? [];
       return {
         state, loads, errors, shown: errors.length, error: selection?.error ?? 0, pixels: selection?.pixels ?? 0, limited: selection?.limited ?? false,
+        full: selection?.full ?? false,
         tileset: info?.tileset ?? null,
       };
     },

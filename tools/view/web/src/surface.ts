@@ -70,7 +70,7 @@ export class Surface {
       this.refiner.pause();
       this.drawn.clear();
     };
-    this.tiled = mayBeTiled ? new TiledSurface(api, stage, kSurfaceId, this.drawn.material, begin, changed, failed) : null;
+    this.tiled = mayBeTiled ? new TiledSurface(api, stage, kSurfaceId, this.drawn.material, begin, changed, failed, () => this.move()) : null;
     views.subscribe((state, keys) => {
       const { facets } = this.drawn.material.uniforms;
       if (facets) facets.value = state.facets;

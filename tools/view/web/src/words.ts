@@ -57,10 +57,13 @@ export function surfaceBound(header: MeshHeader, unit: string): string {
   return "without a bound";
 }
 
-/** The proven quality of tiles, and how much that is on the screen. */
-export function tilesBound(shown: { readonly error: number; readonly pixels: number }, data_tolerance: number, unit: string): string {
+/** The proven quality of tiles, and how much that is on the screen. `full`: they are at full resolution. */
+export function tilesBound(shown: { readonly error: number; readonly pixels: number; readonly full: boolean }, data_tolerance: number, unit: string): string {
+  const error = `${shortBound(shown.error)} ${unit}`;
+  const values = roundedValues({ data_tolerance });
+  if (shown.full) return `Full resolution${values}, rounded by up to ${error}`;
   const pixels = shown.pixels <= 1 ? "at most a pixel" : `up to ${shortBound(shown.pixels)} pixels`;
-  return `Within ${shortBound(shown.error)} ${unit} of the surface at full resolution${roundedValues({ data_tolerance })}, ${pixels} on the screen`;
+  return `Within ${error} of the surface at full resolution${values}, ${pixels} on the screen`;
 }
 
 /** The size of the mesh that is shown; `unit`: of lengths. */

@@ -21,6 +21,8 @@ export interface Selection<Mesh> {
   /** The largest error of what is drawn: in world units, and on the screen. */
   readonly error: number;
   readonly pixels: number;
+  /** Nothing is finer than what is drawn. */
+  readonly full: boolean;
   /** What is to be loaded, the most urgent first: tiles without their mesh, or without their list. */
   readonly wanted: readonly Tile<Mesh>[];
   /** A tile is not finer because of the limit for triangles. */
@@ -83,7 +85,7 @@ export function selectTiles<Mesh>(coarsest: readonly Tile<Mesh>[], view: View, m
       for (const part of tile.children) add(part);
     }
   }
-  return { drawn, triangles, error, pixels, wanted, limited };
+  return { drawn, triangles, error, pixels, full: drawn.every(({ isLeaf }) => isLeaf), wanted, limited };
 }
 
 /** A priority queue. */

@@ -55,6 +55,8 @@ export class TiledSurface {
     /** Called when anything of the above has changed. */
     private readonly changed: () => void,
     private readonly failed: (error: Error) => void,
+    /** The server has dropped the tiles in favour of others: the surface is to be shown anew. */
+    private readonly dropped: () => void,
   ) {
     this.drawn = new DrawnTiles(id, material);
     stage.add(this.drawn);
@@ -73,9 +75,12 @@ export class TiledSurface {
   /** Nothing changes if the tiles of the same surface are known or on their way. */
   ask(wish: TilesWish): void {
     const same = this.wish !== null && key(this.wish) === key(wish);
+    if (!same) {
+      this.stop();
+      this.empty();
+    }
     this.wish = wish;
     if (same) return;
-    this.end();
     this.state = "making";
     void this.make(wish, this.abort.signal);
   }
@@ -101,11 +106,6 @@ export class TiledSurface {
   /** Shows nothing, unless tiles are shown that are wanted. */
   clear(): void {
     if (!this.isShown) this.empty();
-  }
-
-  private end(): void {
-    this.stop();
-    this.empty();
   }
 
   private empty(): void {
@@ -255,13 +255,7 @@ export class TiledSurface {
 
   private fail(error: Error, signal: AbortSignal): void {
     if (signal.aborted || (error instanceof ServerError && error.superseded)) return;
-    if (error instanceof ServerError && error.status === kNotFound && this.wish) {
-      // The server has dropped the tiles in favour of others: they are made again.
-      const { wish } = this;
-      this.wish = null;
-      this.ask(wish);
-      return;
-    }
+    if (error instanceof ServerError && error.status === kNotFound) return this.dropped();
     this.abort.abort();
     this.abort = new AbortController();
     this.loading.clear();
