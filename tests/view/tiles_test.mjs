@@ -206,10 +206,13 @@ test("another isovalue ends the making, and the page goes on meanwhile", async (
     await page.waitForFunction((before) => window.isonest.frames() > before, drawn);
     await setRange(page, "iso", 250);
     const began = Date.now();
-    for (let one = await status(); one.file !== 0 && one.cancelled === 0; one = await status()) {
+    while ((await status()).file !== 0) {
       assert.ok(Date.now() - began < 120_000, "it goes on");
       await new Promise((resolve) => setTimeout(resolve, 20));
     }
+    const again = await (await fetch(`${large.url}api/tiles?iso=128&limit=20000&stream=other`)).json();
+    assert.ok(["waiting", "making"].includes(again.state), "it was not ended but finished");
+    assert.equal((await fetch(`${large.url}api/cancel?stream=other`, { method: "POST" })).status, 204);
     await page.evaluate(() => window.isonest.idle());
     assert.ok((await page.evaluate(() => window.isonest.triangles())) <= 20_000);
     await setRange(page, "iso", 128);

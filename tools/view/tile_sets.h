@@ -39,8 +39,8 @@ class PackedTileset {
     std::map<std::string, std::pair<std::uint64_t, std::uint64_t>> places_;  ///< offset, bytes
 };
 
-/// Tilesets of a store or a series by step and isovalue. They are made one after the other, and the
-/// last four are kept. Thread-safety: all methods from any thread.
+/// Tilesets of a store or a series by step and isovalue. They are made one after the other, and
+/// what was found for the last four requests is kept. Thread-safety: all methods from any thread.
 class TileSets {
   public:
     /// `memory`: heap in bytes while tiles are made. `steps` must outlive this object, and this

@@ -192,12 +192,17 @@ export class TiledSurface {
     const selection = selectTiles(this.coarsest, this.view(wish.pixels), wish.most, stage.frames);
     this.selection = selection;
     this.drawn.show(selection.drawn.flatMap(({ mesh }) => (mesh ? [mesh] : [])), selection.triangles);
-    for (const tile of selection.wanted) {
-      if (this.loading.size >= kAtATime) break;
-      if (!this.loading.has(tile)) void this.load(tile, this.abort.signal);
-    }
+    this.loadWanted();
     const isSame = before?.triangles === selection.triangles && before.pixels === selection.pixels && before.wanted.length === selection.wanted.length;
     if (!isSame) this.changed();
+  }
+
+  /** What the last choice wants, without waiting for the next frame. */
+  private loadWanted(): void {
+    for (const tile of this.selection?.wanted ?? []) {
+      if (this.loading.size >= kAtATime) return;
+      if (tile.mesh === null && !this.loading.has(tile)) void this.load(tile, this.abort.signal);
+    }
   }
 
   private view(pixels: number): View {
@@ -233,6 +238,7 @@ export class TiledSurface {
     }
     if (signal.aborted) return;
     this.loading.delete(tile);
+    this.loadWanted();
     this.stage.invalidate();
     this.changed();
   }
