@@ -109,7 +109,9 @@ class LargeMeshSink : public MeshSink {
 };
 
 /// Heap for one thread that makes tiles.
-const std::uint64_t kLeastMemory = 2 * kLibraryHeap + coarser_tile_heap();
+std::uint64_t least_memory() {
+    return 2 * kLibraryHeap + coarser_tile_heap();
+}
 
 /// For a large mesh without the memory for its tiles.
 class NoMemorySink : public MeshSink {
@@ -117,10 +119,10 @@ class NoMemorySink : public MeshSink {
     explicit NoMemorySink(std::filesystem::path store) : store_(std::move(store)) {}
     /// Throws Error{limit}.
     void begin(const MeshLayout& /*layout*/) override {
-        throw Error(
-            ErrorKind::limit, {store_.string()},
-            "there is too little memory for tiles of this surface",
-            {{RemedyKind::more_memory, fmt::format("{}", MemoryShares::for_files(kLeastMemory))}});
+        throw Error(ErrorKind::limit, {store_.string()},
+                    "there is too little memory for tiles of this surface",
+                    {{RemedyKind::more_memory,
+                      fmt::format("{}", MemoryShares::for_files(least_memory()))}});
     }
     void add_vertices(const VertexBatch& /*batch*/) override {}
     void add_elements(const ElementBatch& /*batch*/) override {}
@@ -340,7 +342,7 @@ void TileSets::make(Set& set, TileJob& job) {
     options.threads = threads_;
     std::optional<TilesetMaker> maker;
     std::unique_ptr<MeshSink> tiles = std::make_unique<NoMemorySink>(store.path());
-    if (memory_ >= kLeastMemory) {
+    if (memory_ >= least_memory()) {
         maker.emplace(store.path(), options,
                       [&set](const std::string& path, const std::string& bytes) {
                           set.files.write(path, bytes);
