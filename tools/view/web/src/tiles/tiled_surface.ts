@@ -160,9 +160,9 @@ export class TiledSurface {
     if (signal.aborted || coarsest.some(({ mesh }) => mesh === null)) return;
     this.coarsest = coarsest;
     this.state = "shown";
+    this.choose();
     this.begin();
     this.stage.invalidate();
-    this.changed();
   }
 
   /** The coarsest tiles with meshes; null if these have too many triangles. */
