@@ -128,6 +128,10 @@ class TilesetWriter {
         return (r.triangles > 0 ? r.error : std::ldexp(length(place_.grid.edge), level)) *
                place_.metres;
     }
+    /// The number of triangles, so that viewers know it before they load a tile.
+    static std::string extras_of(const TileRecord& r) {
+        return fmt::format(R"(,"extras":{{"triangles":{}}})", r.triangles);
+    }
     [[nodiscard]] std::span<const TileRecord> children_of(int level, const TileRecord& r) const {
         if (level == 0) {
             return {};
@@ -151,6 +155,7 @@ class TilesetWriter {
             text += fmt::format(R"(,"content":{{"uri":"{}{}"}})", up,
                                 tile_path(level, r.number, "glb"));
         }
+        text += extras_of(r);
         const std::span<const TileRecord> children = children_of(level, r);
         std::string list;
         for (const TileRecord& child : children) {
@@ -174,8 +179,8 @@ class TilesetWriter {
                                  error_of(level, r), tile_text(level, r, "../../", "")) +
                          "\n");
         return fmt::format(R"({{"boundingVolume":{{"box":[{}]}},"geometricError":{},)"
-                           R"("refine":"REPLACE","content":{{"uri":"{}{}"}}}})",
-                           box_text(r), error_of(level, r), up, path);
+                           R"("refine":"REPLACE","content":{{"uri":"{}{}"}}{}}})",
+                           box_text(r), error_of(level, r), up, path, extras_of(r));
     }
 
     const TilesetPlace& place_;

@@ -270,13 +270,17 @@ double range_of(const Store& store) {
 
 MemoryShares::MemoryShares(std::uint64_t memory_)
     : memory(memory_),
-      surface(memory / 4),
+      surface(memory / 16 * 3),
       surface_message(memory / 4),
       slice(memory / 8),
       slice_message(memory / 16),
-      file(memory / 8),
+      file(memory / 16 * kFileParts),
       small(memory / 16),
       sending(memory / 8) {}
+
+std::uint64_t MemoryShares::for_files(std::uint64_t bytes) {
+    return (bytes + kFileParts - 1) / kFileParts * 16;
+}
 
 MemoryShares MemoryShares::of_page(std::uint64_t memory) {
     MemoryShares shares(memory);

@@ -77,13 +77,16 @@ struct PointValue {
 /// `memory` cannot hold one.
 PointValue value_at(const Store& store, const Double3& world, std::uint64_t memory);
 
-/// How the memory is divided. In sixteenths: extraction of surfaces 4, their messages 4, slices 2
-/// and 1, files 2, values and histogram 1, answers being sent 2.
+/// How the memory is divided. In sixteenths: extraction of surfaces 3, their messages 4, slices 2
+/// and 1, files and tiles 3, values and histogram 1, answers being sent 2.
 struct MemoryShares {
+    static constexpr std::uint64_t kFileParts = 3;
     explicit MemoryShares(std::uint64_t memory_);
     /// For a page without a server, which does one thing at a time: an extraction (of anything), or
     /// values and histogram, 6; the message 3. The rest is for fetched data and temporary files.
     static MemoryShares of_page(std::uint64_t memory);
+    /// A memory of which files get at least these bytes.
+    static std::uint64_t for_files(std::uint64_t bytes);
     std::uint64_t memory;
     std::uint64_t surface, surface_message, slice, slice_message, file, small, sending;
 };

@@ -207,6 +207,7 @@ ViewService::ViewService(ViewedSteps& steps, const MemoryShares& shares, int thr
       slices_({shares.slice, shares.slice_message / MeshMessage::kTriangleHeap, threads},
               steps.range()),
       files_({shares.file, std::numeric_limits<std::uint64_t>::max(), threads}, steps.range()),
+      tiles_(steps, shares.file, threads),
       surface_lane_(kMaxWaiting),
       slice_lane_(kMaxWaiting),
       file_lane_(kMaxWaiting),
@@ -265,6 +266,7 @@ std::shared_ptr<Waiting> ViewService::answer(const HttpRequest& request, Request
         target.require_all_taken();
         Streams::require_name(stream);
         streams_.cancel(stream);
+        tiles_.cancel(stream);
         return at_once({204, "text/plain", std::string(), {}});
     }
     if (path == "/api/status") {
@@ -300,7 +302,15 @@ std::shared_ptr<Waiting> ViewService::answer(const HttpRequest& request, Request
     if (path == "/api/surface" || path == "/api/slice") {
         return start_mesh(step, target, stream, reply);
     }
+    if (path == "/api/tiles") {
+        return at_once(tiles_.state(step, target, stream, file_lane_));
+    }
+    if (path.starts_with("/api/tileset/")) {
+        target.require_all_taken();
+        return at_once(tiles_.file(path));
+    }
     if (path == "/api/export") {
+        tiles_.make_way();
         return start_file(step, target, stream, reply);
     }
     if (path == "/api/value") {
@@ -393,6 +403,7 @@ HttpAnswer ViewService::status() const {
                  {"memory", shares_.memory},
                  {"surface", int{surface_lane_.busy()}},
                  {"slice", int{slice_lane_.busy()}},
+                 {"file", int{file_lane_.busy()}},
                  {"waiting", surface_lane_.waiting() + slice_lane_.waiting() +
                                  file_lane_.waiting() + small_lane_.waiting()},
                  {"served", served_.load()},

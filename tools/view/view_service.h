@@ -13,6 +13,7 @@
 #include "tools/view/mesh_answers.h"
 #include "tools/view/mesh_request.h"
 #include "tools/view/store_answers.h"
+#include "tools/view/tile_sets.h"
 #include "tools/view/viewed_steps.h"
 #include "tools/view/work_lane.h"
 
@@ -76,6 +77,7 @@ class ViewService : public HttpHandler {
     MeshAnswers surfaces_;
     MeshAnswers slices_;
     MeshAnswers files_;
+    TileSets tiles_;
     std::atomic<std::uint64_t> served_ = 0;
     std::atomic<std::uint64_t> cancelled_ = 0;
     // Declared last, so that their threads end first.

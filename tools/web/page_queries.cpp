@@ -122,6 +122,7 @@ HttpAnswer PageQueries::status() const {
          {"memory", memory_},
          {"surface", 0},
          {"slice", 0},
+         {"file", 0},
          {"waiting", 0},
          {"served", served_},
          {"cancelled", 0},

@@ -25,36 +25,6 @@ Georeference parse_georeference(const std::string& text) {
     return {numbers[0], numbers[1], has_height ? numbers[2] : 0};
 }
 
-/// Sets the lattice of a volume. The box is half a voxel larger than the nodes, as smooth labels
-/// are.
-void set_lattice(const StoreHeader& header, const std::optional<std::array<double, 2>>& heights,
-                 TilesetOptions& options) {
-    require_not_curved(header, {}, "a tileset");
-    const LatticeSteps steps = header.steps();
-    options.origin = header.origin;
-    options.axes = header.rotation();
-    options.spacing = steps.along;
-    for (unsigned corner = 0; corner < 8; ++corner) {
-        Double3 at{};
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-            const auto nodes = static_cast<double>(header.nodes[static_cast<int>(axis)]);
-            at[axis] = (corner >> axis & 1U) != 0 ? nodes - 0.5 : -0.5;
-        }
-        at = steps.vector(at);
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-            const double node = at[axis] / steps.along[axis];
-            options.first[axis] = std::min(corner == 0 ? node : options.first[axis], node);
-            options.last[axis] = std::max(corner == 0 ? node : options.last[axis], node);
-        }
-    }
-    if (heights) {
-        options.spacing[2] = std::min(options.spacing[0], options.spacing[1]);
-        options.origin[2] = 0;
-        options.first[2] = heights->at(0) / options.spacing[2];
-        options.last[2] = heights->at(1) / options.spacing[2];
-    }
-}
-
 /// The surface from which errors are measured.
 TilesetSource source_of(const ExtractReport& r) {
     TilesetSource source;
@@ -135,6 +105,34 @@ std::string folder_name(std::string name) {
         name.pop_back();
     }
     return name;
+}
+
+void set_lattice(const StoreHeader& header, const std::optional<std::array<double, 2>>& heights,
+                 TilesetOptions& options) {
+    require_not_curved(header, {}, "a tileset");
+    const LatticeSteps steps = header.steps();
+    options.origin = header.origin;
+    options.axes = header.rotation();
+    options.spacing = steps.along;
+    for (unsigned corner = 0; corner < 8; ++corner) {
+        Double3 at{};
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            const auto nodes = static_cast<double>(header.nodes[static_cast<int>(axis)]);
+            at[axis] = (corner >> axis & 1U) != 0 ? nodes - 0.5 : -0.5;
+        }
+        at = steps.vector(at);
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            const double node = at[axis] / steps.along[axis];
+            options.first[axis] = std::min(corner == 0 ? node : options.first[axis], node);
+            options.last[axis] = std::max(corner == 0 ? node : options.last[axis], node);
+        }
+    }
+    if (heights) {
+        options.spacing[2] = std::min(options.spacing[0], options.spacing[1]);
+        options.origin[2] = 0;
+        options.first[2] = heights->at(0) / options.spacing[2];
+        options.last[2] = heights->at(1) / options.spacing[2];
+    }
 }
 
 MeshOutput::MeshOutput(const ExtractArguments& a, const MeshFileOptions& file,

@@ -1,6 +1,7 @@
 // Where extract writes surfaces: a mesh file, a file of several objects, or a folder of 3D Tiles.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <optional>
 #include <string>
@@ -34,6 +35,11 @@ bool makes_objects(const std::string& mesh, const std::string& format);
 
 /// The name of a folder without slashes at its end, so that its parent folder is known.
 std::string folder_name(std::string name);
+
+/// Sets the lattice of a volume, in a box that is half a voxel larger than the nodes, as smooth
+/// labels are. `heights`: of a graph, the smallest and the largest.
+void set_lattice(const StoreHeader& header, const std::optional<std::array<double, 2>>& heights,
+                 TilesetOptions& options);
 
 /// One output of an extraction.
 class MeshOutput {

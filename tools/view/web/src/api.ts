@@ -3,7 +3,9 @@ import type { Mesh } from "./decode";
 import type { MeshDecoder } from "./mesh_decoder";
 import type { PageFormat } from "./mesh_files";
 import { type Answer, type Transport, Unanswered } from "./site/transport";
-import type { ErrorBody, HistogramInfo, LabelInfo, ListedLabel, StatusInfo, StoreInfo, ValueInfo } from "./protocol";
+import type { ErrorBody, HistogramInfo, LabelInfo, ListedLabel, StatusInfo, StoreInfo, TilesInfo, ValueInfo } from "./protocol";
+import type { TileMesh } from "./tiles/decode_tile";
+import type { TilesetJson } from "./tiles/tileset";
 
 export type Parameters = Readonly<Record<string, string | number>>;
 
@@ -84,6 +86,25 @@ export class Api {
   meshFile(kind: "surface" | "slice", parameters: Parameters, format: PageFormat): Promise<ArrayBuffer> {
     const stream = "file";
     return this.inStream(stream, async (signal) => this.decoder.file(await this.bytes(kind, stream, parameters, signal, () => undefined), format));
+  }
+
+  /** Lets the server make tiles of a surface, and says how far it is. */
+  tiles(parameters: Parameters): Promise<TilesInfo> {
+    return this.json("tiles", { ...parameters, stream: `${this.page}-tiles` });
+  }
+  /** Nothing more is wanted from tiles(). */
+  endTiles(): void {
+    this.transport.cancel(`${this.page}-tiles`);
+  }
+  /** A list of tiles. `path`: of a file of the tileset, also below. Rejects with ServerError. */
+  async tileList(tileset: string, path: string, signal: AbortSignal): Promise<TilesetJson> {
+    return parsed(await this.ask(`tileset/${tileset}/${path}`, {}, signal, () => undefined)) as TilesetJson;
+  }
+  /** `axes`: as for decodeTile(). */
+  async tile(tileset: string, path: string, axes: readonly number[], signal: AbortSignal): Promise<TileMesh> {
+    const { body } = await this.ask(`tileset/${tileset}/${path}`, {}, signal, () => undefined);
+    this.received += body.byteLength;
+    return this.decoder.tile(body, axes);
   }
 
   /** Cancels the stream's work here and, by closing the connection, at the server. */

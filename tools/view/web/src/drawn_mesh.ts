@@ -4,12 +4,13 @@ import type { Mesh } from "./decode";
 import type { Measure } from "./measure";
 import type { MeshHeader } from "./protocol";
 import { pickMaterial } from "./shaders";
+import type { Drawn } from "./stage";
 
 const kMiddle = 65535 / 2;
 /** A sphere that contains every quantised position. */
 const kAll = new Sphere(new Vector3(kMiddle, kMiddle, kMiddle), Math.sqrt(3) * kMiddle);
 
-export class DrawnMesh {
+export class DrawnMesh implements Drawn {
   header: MeshHeader | null = null;
   /** Of the surface that is shown. */
   measure: Measure | null = null;
@@ -42,6 +43,12 @@ export class DrawnMesh {
     pickScene.remove(this.picked);
     this.material.dispose();
     (this.picked.material as RawShaderMaterial).dispose();
+  }
+
+  beforePick(near: number, far: number): void {
+    this.picked.visible = this.object.visible;
+    const { reach } = (this.picked.material as RawShaderMaterial).uniforms;
+    if (reach) reach.value = [near, far];
   }
 
   /** Replaces the previous mesh. */

@@ -21,6 +21,20 @@ export interface Inspection {
   triangles(slice?: SliceName): number;
   /** Labels shown besides the selected one, and their triangles. */
   layers(): readonly (readonly [number | null, number])[];
+  /** How the surface is shown by tiles; null: it never is. */
+  tiles(): {
+    readonly state: string;
+    /** Of the largest geometricError that is shown, in world units; and the largest error in pixels. */
+    readonly error: number;
+    readonly pixels: number;
+    readonly shown: number;
+    readonly loads: number;
+    readonly limited: boolean;
+    readonly full: boolean;
+    /** Errors of the tiles that are shown. */
+    readonly errors: readonly number[];
+    readonly tileset: string | null;
+  } | null;
   /** The surface's quality in words. */
   bound(): string;
   /** The header of the mesh that is shown: the surface's, or a slice's. */
@@ -74,7 +88,7 @@ export function inspection(parts: Parts): Inspection {
   }
   const shown = (slice?: SliceName): Surface | Slice => (slice === undefined ? surface : slices.get(slice)) ?? surface;
   const refiners: readonly Refiner[] = [surface.refiner, ...[...slices.values()].map((slice) => slice.refiner)];
-  const busy = (): boolean => refiners.some((refiner) => refiner.busy) || probe.pending || stage.pending || (parts.layers?.busy ?? false);
+  const busy = (): boolean => refiners.some((refiner) => refiner.busy) || probe.pending || stage.pending || (parts.layers?.busy ?? false) || (surface.tiled?.busy ?? false);
   return {
     state: () => views.state,
     async idle() {
@@ -82,8 +96,19 @@ export function inspection(parts: Parts): Inspection {
       do await new Promise((resolve) => setTimeout(resolve, kPoll));
       while (busy());
     },
-    triangles: (slice) => shown(slice).drawn.triangles,
+    triangles: (slice) => (slice === undefined ? surface.triangles : shown(slice).drawn.triangles),
     layers: () => parts.layers?.drawn.map(({ id, triangles }) => [parts.layers!.labelOf(id), triangles] as const) ?? [],
+    tiles: () => {
+      const { tiled } = surface;
+      if (!tiled) return null;
+      const { selection, state, loads, info } = tiled;
+      const errors = selection?.drawn.map(({ error }) => error) ?? [];
+      return {
+        state, loads, errors, shown: errors.length, error: selection?.error ?? 0, pixels: selection?.pixels ?? 0, limited: selection?.limited ?? false,
+        full: selection?.full ?? false,
+        tileset: info?.tileset ?? null,
+      };
+    },
     bound: () => panel.sentence(),
     header: (slice) => shown(slice).drawn.header,
     bytes: () => ({ page: memory.held.page, card: memory.held.card, received: api.received }),

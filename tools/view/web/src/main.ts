@@ -156,7 +156,7 @@ function run({ api, server, published }: Origin, store: StoreInfo, histogram: Pr
   const colorPanel = store.quantities.length > 0 && store.dimension === 3 ? new ColorPanel(views, store, () => surface.drawn.header) : null;
   const exporting = new ExportPanel(views, store, api, server, stage, surface, slices, failed);
   const memory = new MemoryPanel(
-    api, store, () => [surface.drawn, ...(layers?.drawn ?? []), ...[...slices.values()].map((slice) => slice.drawn)], failed,
+    api, store, () => [surface.drawn, ...(surface.tiled ? [surface.tiled.drawn] : []), ...(layers?.drawn ?? []), ...[...slices.values()].map((slice) => slice.drawn)], failed,
     (how) => banner.storeLost(how), () => banner.serverThere(),
   );
   const flat = store.dimension === 2;
@@ -171,7 +171,7 @@ function run({ api, server, published }: Origin, store: StoreInfo, histogram: Pr
   const describe = (): string => {
     const bound = surfacePanel.sentence();
     const time = store.series ? `Time ${timeText(store.series, views.state.step)}. ` : "";
-    return bound === "" ? "" : `${time}${bound}. ${whole(surface.drawn.triangles)} triangles.`;
+    return bound === "" ? "" : `${time}${bound}. ${whole(surface.triangles)} triangles.`;
   };
   refresh = () => {
     surfacePanel.refresh();
@@ -194,7 +194,8 @@ function run({ api, server, published }: Origin, store: StoreInfo, histogram: Pr
     refresh();
   });
   const again = (): void => {
-    for (const refiner of refiners) refiner.again();
+    surface.again();
+    for (const slice of slices.values()) slice.refiner.again();
     layers?.again();
   };
   banner.retry = again;
@@ -214,6 +215,7 @@ function run({ api, server, published }: Origin, store: StoreInfo, histogram: Pr
   let isFirst = true;
   const histograms = new Histograms(api, views, store, histogramPanel, (info) => {
     slicePanel.showHistogram(info);
+    surface.know(info);
     const window = isFirst && !query.has("window") && views.state.window === initial.window ? startingWindow(store, info) : null;
     isFirst = false;
     if (window) views.set({ window });

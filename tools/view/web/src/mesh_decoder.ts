@@ -1,9 +1,11 @@
 // The page's interface to the worker that decodes meshes.
 import type { Mesh } from "./decode";
 import type { PageFormat } from "./mesh_files";
+import type { TileMesh } from "./tiles/decode_tile";
 
-type Answer = { readonly id: number; readonly result?: Mesh | ArrayBuffer; readonly error?: string };
-type Waiting = { readonly resolve: (result: Mesh | ArrayBuffer) => void; readonly reject: (error: Error) => void };
+type Result = Mesh | ArrayBuffer | TileMesh;
+type Answer = { readonly id: number; readonly result?: Result; readonly error?: string };
+type Waiting = { readonly resolve: (result: Result) => void; readonly reject: (error: Error) => void };
 
 export class MeshDecoder {
   private readonly worker = new Worker("mesh_worker.js");
@@ -29,12 +31,17 @@ export class MeshDecoder {
     return this.ask({ buffer }, buffer) as Promise<Mesh>;
   }
 
+  /** `axes`: as for decodeTile(). Otherwise like decode(). */
+  tile(buffer: ArrayBuffer, axes: readonly number[]): Promise<TileMesh> {
+    return this.ask({ buffer, axes }, buffer) as Promise<TileMesh>;
+  }
+
   /** The bytes of a file in this format. Otherwise like decode(). */
   file(buffer: ArrayBuffer, format: PageFormat): Promise<ArrayBuffer> {
     return this.ask({ buffer, format }, buffer) as Promise<ArrayBuffer>;
   }
 
-  private ask(request: object, buffer: ArrayBuffer): Promise<Mesh | ArrayBuffer> {
+  private ask(request: object, buffer: ArrayBuffer): Promise<Result> {
     const id = this.next++;
     return new Promise((resolve, reject) => {
       this.waiting.set(id, { resolve, reject });

@@ -1,12 +1,15 @@
-// The Web Worker that decodes meshes and makes mesh files, so that the page never blocks.
+// The Web Worker that decodes meshes and tiles and makes mesh files, so that the page never blocks.
 import { decodeMesh } from "./decode";
 import { meshFile, type PageFormat } from "./mesh_files";
+import { decodeTile } from "./tiles/decode_tile";
 
 export interface DecodeRequest {
   readonly id: number;
   readonly buffer: ArrayBuffer;
   /** If present, a file is requested instead of the mesh. */
   readonly format?: PageFormat;
+  /** If present, the buffer is a tile; as for decodeTile(). */
+  readonly axes?: readonly number[];
 }
 
 const scope = self as unknown as {
@@ -14,7 +17,12 @@ const scope = self as unknown as {
   postMessage(message: unknown, transfer?: Transferable[]): void;
 };
 
-async function answer({ id, buffer, format }: DecodeRequest): Promise<void> {
+async function answer({ id, buffer, format, axes }: DecodeRequest): Promise<void> {
+  if (axes !== undefined) {
+    const tile = await decodeTile(buffer, axes);
+    scope.postMessage({ id, result: tile }, [tile.positions.buffer, tile.normals.buffer, tile.indices.buffer]);
+    return;
+  }
   const mesh = await decodeMesh(buffer);
   if (format !== undefined) {
     const result = meshFile(mesh, format).buffer;

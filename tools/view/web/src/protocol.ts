@@ -72,6 +72,7 @@ export interface StatusInfo {
   readonly memory: number;
   readonly surface: number;
   readonly slice: number;
+  readonly file: number;
   readonly waiting: number;
   readonly served: number;
   readonly cancelled: number;
@@ -142,6 +143,19 @@ export interface MeshHeader {
   readonly chunks_read: number;
   readonly bytes_read: number;
   readonly sections: readonly Section[];
+}
+
+/** Of the tiles of a surface. */
+export interface TilesInfo {
+  readonly state: "waiting" | "making" | "ready" | "unneeded";
+  /** Of a tileset in the making: what is being done, and which part of it is done, 0 to 1. */
+  readonly phase?: string | null;
+  readonly part?: number;
+  /** When it is ready: its name in requests. */
+  readonly tileset?: string;
+  /** Of the surface at full resolution. */
+  readonly triangles?: number;
+  readonly data_tolerance?: number;
 }
 
 export interface ErrorBody {

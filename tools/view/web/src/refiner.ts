@@ -93,6 +93,14 @@ export class Refiner {
     this.plan.changed();
   }
 
+  /** Something else shows the surface: what is in progress ends. */
+  pause(): void {
+    this.stopSteps();
+    clearTimeout(this.rest);
+    this.rest = 0;
+    this.plan.changed();
+  }
+
   /** Starts again after an error. */
   again(): void {
     this.move();

@@ -1,8 +1,7 @@
 // The canvas: renderer, cameras, one frame after each change, and picking.
 import {
-  Color, LinearSRGBColorSpace, NearestFilter, OrthographicCamera, PerspectiveCamera, Scene, Vector3, WebGLRenderer, WebGLRenderTarget,
+  Color, Frustum, LinearSRGBColorSpace, Matrix4, NearestFilter, OrthographicCamera, PerspectiveCamera, Scene, Vector3, WebGLRenderer, WebGLRenderTarget,
 } from "three";
-import type { DrawnMesh } from "./drawn_mesh";
 import { centreOf, dot, lengthOf, lengthToBall, radiusOf } from "./geometry";
 import type { Box, StoreInfo, Vector } from "./protocol";
 import { kFieldOfView, type ViewState } from "./state";
@@ -11,6 +10,14 @@ export interface Hit {
   /** Id of the DrawnMesh. */
   readonly id: number;
   readonly at: Vector;
+}
+
+/** What can be drawn, and found when picking. */
+export interface Drawn {
+  addTo(scene: Scene, pickScene: Scene): void;
+  removeFrom(scene: Scene, pickScene: Scene): void;
+  /** Shows in the picking scene what is shown in the other one; `near`, `far`: of the camera. */
+  beforePick(near: number, far: number): void;
 }
 
 /** The picture's part of the protocol's `camera=`. */
@@ -27,9 +34,10 @@ export class Stage {
   frames = 0;
   private readonly orthographic = new OrthographicCamera();
   private readonly target = new WebGLRenderTarget(1, 1, { minFilter: NearestFilter, magFilter: NearestFilter });
-  private readonly meshes: DrawnMesh[] = [];
+  private readonly meshes: Drawn[] = [];
   private readonly afterResize: (() => void)[] = [];
   private readonly afterFrame: (() => void)[] = [];
+  private readonly beforeFrame: (() => void)[] = [];
   private asked = 0;
   /** Of a picture of another size, while it is drawn. */
   private pictureAspect: number | null = null;
@@ -52,14 +60,18 @@ export class Stage {
     new ResizeObserver(() => this.resize()).observe(canvas);
   }
 
-  add(mesh: DrawnMesh): void {
+  add(mesh: Drawn): void {
     this.meshes.push(mesh);
     mesh.addTo(this.scene, this.pickScene);
   }
-  remove(mesh: DrawnMesh): void {
+  remove(mesh: Drawn): void {
     this.meshes.splice(this.meshes.indexOf(mesh), 1);
     mesh.removeFrom(this.scene, this.pickScene);
     this.invalidate();
+  }
+  /** Called before each frame, when the camera is set. */
+  onAim(action: () => void): void {
+    this.beforeFrame.push(action);
   }
   /** Called after each frame. */
   onFrame(action: () => void): void {
@@ -127,6 +139,7 @@ export class Stage {
 
   draw(): void {
     this.aim();
+    for (const action of this.beforeFrame) action();
     this.renderer.render(this.scene, this.camera);
     ++this.frames;
     for (const action of this.afterFrame) action();
@@ -149,9 +162,27 @@ export class Stage {
 
   /** World units per pixel where the sphere around the box is nearest to the eye; 0 if the eye is inside. */
   leastUnitsPerPixel(box: Box): number {
+    return this.unitsPerPixelAt(lengthToBall(this.state.eye, box));
+  }
+
+  /** A movement by so much is seen as at most a pixel, at this distance from the eye or farther away, also in the picture's corners. */
+  unseenAt(distance: number): number {
+    if (this.state.projection !== "perspective") return this.unitsPerPixelAt(distance);
+    const tangent = Math.tan((kFieldOfView / 2) * (Math.PI / 180)) * Math.hypot(1, this.aspect);
+    return this.unitsPerPixelAt(Math.max(distance, this.perspective.near)) / (1 + tangent ** 2);
+  }
+
+  /** World units per pixel in the middle of the picture at this distance; without perspective everywhere the same. */
+  private unitsPerPixelAt(distance: number): number {
     const { eye, lookAt, projection } = this.state;
-    const away = projection === "perspective" ? lengthToBall(eye, box) : lengthOf(eye, lookAt);
+    const away = projection === "perspective" ? distance : lengthOf(eye, lookAt);
     return (2 * away * Math.tan((kFieldOfView / 2) * (Math.PI / 180))) / Math.max(this.renderer.domElement.height, 1);
+  }
+
+  /** The planes through the picture's four sides, in the world: a, b, c, d with ax + by + cz + d >= 0 in the picture. */
+  get sides(): readonly (readonly [number, number, number, number])[] {
+    const matrix = new Matrix4().multiplyMatrices(this.camera.projectionMatrix, this.camera.matrixWorldInverse);
+    return new Frustum().setFromProjectionMatrix(matrix).planes.slice(0, 4).map(({ normal, constant }) => [normal.x, normal.y, normal.z, constant] as const);
   }
 
   /** Without perspective, that of a very distant camera. */
@@ -181,11 +212,7 @@ export class Stage {
     const camera = this.camera.clone();
     camera.setViewOffset(width, height, x - 0.5, y - 0.5, 1, 1);
     camera.updateProjectionMatrix();
-    for (const mesh of this.meshes) {
-      mesh.picked.visible = mesh.object.visible;
-      const { reach } = (mesh.picked.material as typeof mesh.material).uniforms;
-      if (reach) reach.value = [camera.near, camera.far];
-    }
+    for (const mesh of this.meshes) mesh.beforePick(camera.near, camera.far);
     const color = this.renderer.getClearColor(new Color());
     this.renderer.setRenderTarget(this.target);
     this.renderer.setClearColor(0, 0);

@@ -1,11 +1,12 @@
 // The surface: its requests, and what is shown about it.
 import type { Api, Parameters } from "./api";
 import { DrawnMesh } from "./drawn_mesh";
-import type { MeshHeader, StoreInfo } from "./protocol";
+import type { HistogramInfo, MeshHeader, StoreInfo } from "./protocol";
 import { Refiner, type Step, withFewerTriangles } from "./refiner";
 import { paintByValue, surfaceMaterial } from "./shaders";
 import type { Stage } from "./stage";
 import { mayBeLabels, stepOf, type Key, type ViewState, type ViewStore } from "./state";
+import { TiledSurface } from "./tiles/tiled_surface";
 
 /** A change of kMoves shows another surface, a change of kLooks the same surface with another quality. */
 const kMoves: readonly Key[] = ["surface", "step", "color", "iso", "box", "largest", "smooth", "moving", "most"];
@@ -23,6 +24,9 @@ export const kSurfaceId = 1;
 export class Surface {
   readonly drawn = new DrawnMesh(kSurfaceId, surfaceMaterial());
   readonly refiner: Refiner;
+  /** Shows the surface if it has more triangles than the page may show; null: never. */
+  readonly tiled: TiledSurface | null;
+  private histogram: HistogramInfo | null = null;
   /** The request for the mesh that is shown. */
   private asked: Parameters = {};
 
@@ -46,28 +50,101 @@ export class Surface {
         this.asked = parameters;
         this.drawn.show(mesh);
         this.paint();
+        this.tiled?.clear();
         stage.invalidate();
       },
       clear: () => {
         this.drawn.clear();
+        this.tiled?.stop();
+        this.tiled?.clear();
         stage.invalidate();
       },
-      changed,
+      changed: () => {
+        this.tileIfLarge();
+        changed();
+      },
       failed,
     });
+    const mayBeTiled = api.hasServer && !store.labels && !store.remote && store.dimension === 3;
+    const begin = (): void => {
+      this.refiner.pause();
+      this.drawn.clear();
+    };
+    this.tiled = mayBeTiled ? new TiledSurface(api, stage, kSurfaceId, this.drawn.material, begin, changed, failed, () => this.move()) : null;
     views.subscribe((state, keys) => {
       const { facets } = this.drawn.material.uniforms;
       if (facets) facets.value = state.facets;
       if (keys.has("colorMap") || keys.has("colorWindow")) this.paint();
-      if (kMoves.some((key) => keys.has(key))) this.refiner.move();
-      else if (kLooks.some((key) => keys.has(key))) this.refiner.look();
+      const looks = kLooks.some((key) => keys.has(key));
+      if (looks && !this.tiled?.isShown && this.tilesPixels() === null) this.tiled?.stop();
+      if (kMoves.some((key) => keys.has(key))) this.move();
+      else if (this.tiled?.isShown) {
+        if (looks && this.tilesPixels() === null) this.move();
+        else this.tiled.look(this.tilesPixels() ?? 0);
+      } else if (looks) this.refiner.look();
       else if (state.target === "screen" && (keys.has("eye") || keys.has("lookAt") || keys.has("projection"))) this.refiner.look();
     });
   }
 
   /** Called when the size of the canvas changes. */
   resized(): void {
-    if (this.views.state.target === "screen") this.refiner.look();
+    if (this.views.state.target === "screen" && !this.tiled?.isShown) this.refiner.look();
+  }
+
+  /** On the screen. */
+  get triangles(): number {
+    return this.tiled?.isShown ? this.tiled.drawn.triangles : this.drawn.triangles;
+  }
+
+  /** Starts again after an error. */
+  again(): void {
+    this.move();
+  }
+
+  /** Called with each histogram. */
+  know(histogram: HistogramInfo): void {
+    this.histogram = histogram;
+    this.tileIfLarge();
+  }
+
+  private move(): void {
+    this.tiled?.stop();
+    this.refiner.move();
+  }
+
+  /** Errors that tiles may have, in pixels; null: the state asks for what tiles do not show. */
+  private tilesPixels(): number | null {
+    const { target, pixels } = this.views.state;
+    // As for a distance that is not seen.
+    return this.cannotBeTiled !== "" ? null : target === "screen" ? pixels / 2 : target === "full" ? 0 : null;
+  }
+
+  /** What is wanted that tiles do not show, in words; empty: nothing. */
+  get cannotBeTiled(): string {
+    const { box, largest } = this.views.state;
+    const wanted = [
+      [box !== null, "clipping"], [largest, "only the largest piece"], [this.isSmooth(), "smooth labels"], [this.color !== "", `colours by ${this.color}`],
+    ] as const;
+    return wanted.flatMap(([is, name]) => (is ? [name] : [])).join(", ");
+  }
+
+  /** The mesh at rest is coarser than wanted, because of the limit for triangles. */
+  get limited(): boolean {
+    const { header } = this.drawn;
+    const { target, error } = this.views.state;
+    if (!header || header.full_resolution || this.refiner.busy) return false;
+    if (target === "screen") return header.stop === "error";
+    return target === "full" || (target === "error" && header.tolerance > error);
+  }
+
+  /** Asks for tiles of a surface at rest that probably has too many triangles. The server counts them. */
+  private tileIfLarge(): void {
+    const { header } = this.drawn;
+    const { iso, most } = this.views.state;
+    const pixels = this.tilesPixels();
+    if (!this.tiled || this.tiled.isShown || this.refiner.busy || pixels === null || !header || header.full_resolution) return;
+    const expected = this.histogram ? trianglesAt(this.histogram, iso) : 0;
+    if (this.limited || expected > most) this.tiled.ask({ surface: { ...stepOf(this.store, this.views.state), iso }, most, pixels });
   }
 
   /** The parameters that make the mesh that is shown, for an export or the command line; null if there is none. */
@@ -188,4 +265,11 @@ export class Surface {
     if (shown.full_resolution && target !== "distance") return true;
     return target === "error" && shown.error_bound !== null && shown.error_bound <= error && shown.tolerance >= error;
   }
+}
+
+/** Triangles of a surface at full resolution, roughly; 0 if nothing is known about them. */
+function trianglesAt({ bins, cube_level: level }: HistogramInfo, iso: number): number {
+  const bin = bins.findLast(({ low }) => low <= iso);
+  const kInCube = 4 * 4 ** (level ?? 0);
+  return bin?.cubes ? bin.cubes * kInCube : 0;
 }

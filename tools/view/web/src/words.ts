@@ -42,8 +42,8 @@ export function timeText(series: SeriesInfo, step: number): string {
 }
 
 /** What full resolution means for a store with rounded values. */
-function roundedValues(header: MeshHeader): string {
-  return header.data_tolerance > 0 ? ` of values rounded within ${shortBound(header.data_tolerance)}` : "";
+function roundedValues({ data_tolerance }: Pick<MeshHeader, "data_tolerance">): string {
+  return data_tolerance > 0 ? ` of values rounded within ${shortBound(data_tolerance)}` : "";
 }
 
 /** The proven quality of a surface; `unit`: of lengths. */
@@ -55,6 +55,15 @@ export function surfaceBound(header: MeshHeader, unit: string): string {
   }
   if (header.error_bound !== null) return `values on this surface are within ${shortBound(header.error_bound)} of the isovalue`;
   return "without a bound";
+}
+
+/** The proven quality of tiles, and how much that is on the screen. `full`: they are at full resolution. */
+export function tilesBound(shown: { readonly error: number; readonly pixels: number; readonly full: boolean }, data_tolerance: number, unit: string): string {
+  const error = `${shortBound(shown.error)} ${unit}`;
+  const values = roundedValues({ data_tolerance });
+  if (shown.full) return `Full resolution${values}, rounded by up to ${error}`;
+  const pixels = shown.pixels <= 1 ? "at most a pixel" : `up to ${shortBound(shown.pixels)} pixels`;
+  return `Within ${error} of the surface at full resolution${values}, ${pixels} on the screen`;
 }
 
 /** The size of the mesh that is shown; `unit`: of lengths. */

@@ -14,6 +14,8 @@ import type { Surface } from "../surface";
 const kServerFormats = ["ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf"] as const;
 const kPause = 400; // milliseconds between the last change and the request for the command line
 
+const kTiles = "The surface is shown by tiles, which cannot be saved: choose the surface at full resolution.";
+
 type Subject = "seen" | "full" | SliceName;
 
 export class ExportPanel {
@@ -82,6 +84,10 @@ export class ExportPanel {
     return name.replace(/^.*\//, "").replace(/\.isonest$/, "") + time;
   }
 
+  private get isTiled(): boolean {
+    return this.subject.input.value === "seen" && (this.surface.tiled?.isShown ?? false);
+  }
+
   private parameters(): Parameters | null {
     const subject = this.subject.input.value as Subject;
     if (subject === "seen") return this.surface.asSeen();
@@ -91,7 +97,7 @@ export class ExportPanel {
 
   private async saveMesh(): Promise<void> {
     const parameters = this.parameters();
-    if (!parameters) return this.failed(new Error("Nothing to save: the selected mesh is not shown."));
+    if (!parameters) return this.failed(new Error(this.isTiled ? kTiles : "Nothing to save: the selected mesh is not shown."));
     const format = this.format.input.value;
     const name = `${this.name}.${format}`;
     // Downloaded by the browser directly to disk, because a mesh may exceed the page's memory.
@@ -119,12 +125,12 @@ export class ExportPanel {
 
   private async ask(): Promise<void> {
     const parameters = this.parameters();
-    const key = JSON.stringify(parameters);
+    const key = JSON.stringify([parameters, this.isTiled]);
     if (key === this.last) return;
     this.last = key;
     this.copied.textContent = "";
     if (!parameters) {
-      this.command.textContent = "The selected mesh is not shown.";
+      this.command.textContent = this.isTiled ? kTiles : "The selected mesh is not shown.";
       return;
     }
     try {

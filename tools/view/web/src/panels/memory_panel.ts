@@ -1,11 +1,16 @@
 // The memory used by the page and the server, and whether the server and its store are still available.
 import type { Api } from "../api";
-import type { DrawnMesh } from "../drawn_mesh";
 import { h, section } from "../dom";
 import type { StatusInfo, StoreInfo } from "../protocol";
 import { bytes, whole } from "../words";
 
 const kPause = 2000; // milliseconds
+
+/** What is on the screen, and the bytes of its arrays. */
+export interface Held {
+  readonly triangles: number;
+  readonly bytes: { readonly page: number; readonly card: number };
+}
 
 export class MemoryPanel {
   readonly element: HTMLElement;
@@ -15,7 +20,7 @@ export class MemoryPanel {
   constructor(
     private readonly api: Api,
     private readonly store: StoreInfo,
-    private readonly meshes: () => readonly DrawnMesh[],
+    private readonly meshes: () => readonly Held[],
     private readonly failed: (error: Error) => void,
     private readonly lost: (how: string) => void,
     private readonly there: () => void,

@@ -3,7 +3,8 @@ import { checkbox, h, numberField, section, select } from "../dom";
 import type { StoreInfo } from "../protocol";
 import type { Surface } from "../surface";
 import { mayBeLabels, type Target, type ViewStore } from "../state";
-import { bytes, rounding, short, sizeText, surfaceBound, unitOf, whole } from "../words";
+import type { TiledSurface } from "../tiles/tiled_surface";
+import { bytes, rounding, short, sizeText, surfaceBound, tilesBound, unitOf, whole } from "../words";
 
 const kTargets: readonly (readonly [Target, string])[] = [
   ["screen", "to the screen's pixels"],
@@ -72,6 +73,11 @@ export class SurfacePanel {
 
   /** Called when another mesh is shown or in progress. */
   refresh(): void {
+    const { tiled } = this.surface;
+    if (tiled?.isShown && tiled.selection) {
+      this.showTiles(tiled, tiled.selection);
+      return;
+    }
     const { header } = this.surface.drawn;
     this.bound.textContent = this.sentence();
     this.count.textContent = header ? `${whole(header.triangles)} triangles on the screen` : "";
@@ -81,13 +87,35 @@ export class SurfacePanel {
     this.state.hidden = !header && this.progress.textContent === "";
     this.progress.classList.toggle("active", this.surface.refiner.busy && header !== null);
     const short = this.surface.refiner.shortOfMemory ? "There is too little memory for a finer surface. " : "";
-    const limited = header && !short && this.limited() ? `The requested accuracy needs more than ${whole(this.views.state.most)} triangles. ` : "";
+    const limited = header && !short && this.surface.limited ? `The requested accuracy needs more than ${whole(this.views.state.most)} triangles. ` : "";
     const uncut = header?.stop === "smooth" && this.views.state.box ? "Smooth surfaces are not clipped to the box. " : "";
-    this.detail.textContent = header ? `${short}${limited}${uncut}${rounding(header, this.unit)}` : "";
+    this.detail.textContent = header ? `${short}${limited}${limited ? this.aboutTiles() : ""}${uncut}${rounding(header, this.unit)}` : "";
+  }
+
+  private showTiles(tiled: TiledSurface, { triangles, wanted, limited }: NonNullable<TiledSurface["selection"]>): void {
+    this.state.hidden = false;
+    this.bound.textContent = this.sentence();
+    this.count.textContent = `${whole(triangles)} triangles on the screen, of ${whole(tiled.info?.triangles ?? 0)}`;
+    this.size.textContent = "";
+    const isLoading = wanted.length > 0;
+    this.progress.textContent = isLoading ? "Loading tiles…" : "Not being refined.";
+    this.progress.classList.toggle("active", isLoading);
+    const more = limited && !isLoading ? `A finer surface needs more than ${whole(this.views.state.most)} triangles. ` : "";
+    this.detail.textContent = `${more}Shown by tiles, for which area and volume are not known.`;
+  }
+
+  /** Why a surface beyond the limit for triangles is not shown by tiles, or how far they are. */
+  private aboutTiles(): string {
+    const { tiled, cannotBeTiled } = this.surface;
+    if (!tiled) return "";
+    if (cannotBeTiled !== "") return `Tiles would show it, but not ${cannotBeTiled}. `;
+    return tiled.trouble === null ? "" : `No tiles: ${tiled.trouble} `;
   }
 
   /** The bound as part of a sentence, without a full stop; empty if there is no surface. */
   sentence(): string {
+    const { tiled } = this.surface;
+    if (tiled?.isShown && tiled.selection) return tilesBound(tiled.selection, tiled.info?.data_tolerance ?? 0, this.unit);
     const { header } = this.surface.drawn;
     if (!header) return "";
     if (header.triangles === 0) return header.full_resolution ? "No surface: nothing has this value here" : "No surface at this error; a smaller error may show some";
@@ -104,14 +132,12 @@ export class SurfacePanel {
       return header && step[1] > 0 ? `Refining ${aim}${which}${got}…` : `Loading ${short(this.views.state.iso)}${got}…`;
     }
     if (busy) return "Refines when the view is still.";
+    const { tiled } = this.surface;
+    if (tiled?.state === "loading") return "Loading tiles…";
+    if (tiled?.state === "making") {
+      const { phase, part = 0 } = tiled.info ?? {};
+      return phase ? `Making tiles: ${phase}, ${whole(Math.floor(100 * part))} %…` : "Waiting for tiles to be made…";
+    }
     return header ? "Not being refined." : "";
-  }
-
-  private limited(): boolean {
-    const { header, refiner } = { header: this.surface.drawn.header, refiner: this.surface.refiner };
-    const { target } = this.views.state;
-    if (!header || header.full_resolution || refiner.busy) return false;
-    if (target === "screen") return header.stop === "error";
-    return target === "full" || (target === "error" && header.tolerance > this.views.state.error);
   }
 }

@@ -21,6 +21,10 @@ export class ServerTransport implements Transport {
       throw new Unanswered(`The server does not answer. ${hint}`, false);
     }
   }
+
+  cancel(stream: string): void {
+    fetch(this.url(`cancel?${new URLSearchParams({ stream })}`), { method: "POST", keepalive: true }).catch(() => undefined);
+  }
 }
 
 async function readAll(response: Response, progress: (bytes: number) => void): Promise<ArrayBuffer> {

@@ -14,6 +14,8 @@ export interface Transport {
    * if there is no answer, and with any error once `signal` is aborted; the work for the answer then ends.
    */
   ask(target: string, signal: AbortSignal, progress: (bytes: number) => void): Promise<Answer>;
+  /** Ends a server's work for a stream. Never fails. */
+  cancel(stream: string): void;
 }
 
 /** There is no answer; the message says what can be done. */

@@ -58,6 +58,9 @@ export class WorkerTransport implements Transport {
     });
   }
 
+  /** There is no work that goes on without a request. */
+  cancel(): void {}
+
   private take(message: Message): void {
     switch (message.kind) {
       case "opened":
