@@ -52,7 +52,6 @@ constexpr OptionRow kOptions[] = {
     {"", "--scale", kWhat, "S", "with --graph: z = S times the value [1]", "scale: float"},
     {"", "--smooth", kWhat, "[=N]", "labels: smooth surfaces, by N passes, 0 to 64 [16]", "smooth: bool | int"},
     {"", "--keep-nodes", kWhat, "", "with --smooth, simplified: no node changes sides", "keep_nodes: bool"},
-    {"", "--manifold", kWhichParts, "", "separate sheets that touch in edges or vertices", "manifold: bool"},
     {"", "--interfaces", kWhat, "", "with --labels --smooth: all interfaces in one mesh", "(the method Store.interfaces)"},
     {"", "--cells", kWhat, "tet|hex|quad", "shape of the cells; quad: of --graph [the best]", "cells: choice"},
     {"slice", "--cells", kWhat, "tet|hex", "shape of the cells [tet]", "cells: choice"},
@@ -115,6 +114,7 @@ constexpr OptionRow kOptions[] = {
     {"", "--close", kWhichParts, "[=below|above]", "close it at the volume's faces: outside is [below]", "close: bool | choice"},
     {"", "--view", kWhichParts, "X,Y,Z", "leave out what faces away from this view direction", "view: Point"},
     {"", "--cull-by", kWhichParts, "FIELD", "with --view: normal_turn_plus or grad_linf_plus", "cull_by: str"},
+    {"", "--manifold", kWhichParts, "", "separate sheets that touch in edges or vertices", "manifold: bool"},
 
     // Output.
     {"extract", "--output", kWritten, "MESH", ".ply .stl .obj .vtp .vtkhdf .glb .3mf", "path: Path"},
