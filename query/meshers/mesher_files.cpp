@@ -88,6 +88,10 @@ class MesherFile : public MeshSink {
         const std::vector<std::filesystem::path> all(inputs.begin(), inputs.end());
         check_output(path_, options_.replace, all);
         if (has_script()) {
+            if (path_.filename().string().find_first_of("\"\\") != std::string::npos) {
+                throw Error(ErrorKind::invalid_argument, {path_.string()},
+                            "gmsh cannot read names of files with quotation marks or backslashes");
+            }
             check_output(script(), options_.replace, all);
         }
         frame_in_file(layout.frame, options_.space, path_);

@@ -362,6 +362,14 @@ void Regions::join_shells(const Progress& progress) {
             regions_[of_root[root]].inside = {(line.x + line.hit_at) / 2, line.y, line.z};
         }
     }
+    for (const Region& region : regions_) {
+        if (!std::isfinite(region.inside[0])) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("no point was found inside a part of label {}, which is too "
+                                    "thin; a smaller distance may keep it thicker",
+                                    region.label));
+        }
+    }
 }
 
 }  // namespace isonest::detail

@@ -143,9 +143,12 @@ class TileSets::TileJob : public Job {
         done_ = 0;
     }
     void advance(std::uint64_t amount) override { done_ += amount; }
-    /// Also if nobody has asked for long.
+    /// Also if nobody has asked for long; asking later does not change that.
     [[nodiscard]] bool cancelled() const override {
-        return Job::cancelled() || Clock::now() - asked_.load() > kAbandoned;
+        if (Clock::now() - asked_.load() > kAbandoned) {
+            is_abandoned_ = true;
+        }
+        return is_abandoned_ || Job::cancelled();
     }
     void asked() { asked_ = Clock::now(); }
     /// The phase, and which part of it is done.
@@ -162,6 +165,7 @@ class TileSets::TileJob : public Job {
     std::uint64_t total_ = 0;
     std::atomic<std::uint64_t> done_ = 0;
     std::atomic<Clock::time_point> asked_ = Clock::now();
+    mutable std::atomic<bool> is_abandoned_ = false;
 };
 
 struct TileSets::Set {
@@ -186,7 +190,8 @@ struct TileSets::Set {
 
 TileSets::SetPointer TileSets::find(std::size_t step, double iso) const {
     const auto found = std::find_if(sets_.begin(), sets_.end(), [&](const SetPointer& set) {
-        return set->step == step && set->iso == iso;
+        const bool is_ending = set->state == Set::State::making && set->job->cancelled();
+        return set->step == step && set->iso == iso && !is_ending;
     });
     return found == sets_.end() ? nullptr : *found;
 }
@@ -212,10 +217,16 @@ void TileSets::leave(const std::string& stream) {
 }
 
 void TileSets::drop_oldest() {
-    while (sets_.size() > kMaxKept) {
-        const SetPointer oldest = sets_.back();
-        forget(oldest);
-        std::erase_if(wanted_by_, [&](const auto& entry) { return entry.second == oldest; });
+    // Not those in the making: pages wait for them, and the lane limits their number.
+    auto kept = static_cast<std::size_t>(
+        std::count_if(sets_.begin(), sets_.end(),
+                      [](const SetPointer& set) { return set->state != Set::State::making; }));
+    for (auto set = sets_.end(); kept > kMaxKept && set != sets_.begin();) {
+        --set;
+        if ((*set)->state != Set::State::making) {
+            set = sets_.erase(set);
+            --kept;
+        }
     }
 }
 

@@ -125,6 +125,7 @@ export class Stage {
     }
     this.pictureAspect = x / y;
     this.aim();
+    for (const action of this.beforeFrame) action();
     renderer.render(this.scene, this.camera);
     this.pictureAspect = null;
     const made = new Promise<Blob | null>((resolve) => this.canvas.toBlob(resolve, "image/png"));

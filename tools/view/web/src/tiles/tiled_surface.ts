@@ -25,7 +25,7 @@ type SurfaceTile = Tile<DrawnTile>;
 const kPause = 400; // milliseconds between two questions about tiles in the making
 const kAtATime = 6; // tiles
 const kNotFound = 404;
-/** Triangles that are kept on the graphics card, in those that may be on the screen. */
+/** Triangles that are kept on the graphics card, as a multiple of those that may be on the screen. */
 const kKept = 2;
 
 export class TiledSurface {
