@@ -238,6 +238,12 @@ class Parser {
         }
         LegacyArray& array = header_.coordinates.at(axis);
         array = {std::string(1, "xyz"[axis]), lower(words[2]), 1, count, text_.at(), false, false};
+        const LegacyType* const type = legacy_type(array.type);
+        if (type == nullptr || type->stored) {
+            throw Error(
+                ErrorKind::unsupported, {name_, words[0]},
+                fmt::format("coordinates of the type '{:.40}' are not supported", words[2]));
+        }
         skip(array);
     }
     void read_field_array() {
@@ -395,11 +401,7 @@ std::vector<double> coordinates_along(const VolumeInput& input, const LegacyHead
     if (array.tuples == 0) {
         throw Error(ErrorKind::corrupt, place, "they are missing");
     }
-    const LegacyType* const type = legacy_type(array.type);
-    if (type == nullptr || type->stored) {
-        throw Error(ErrorKind::unsupported, place,
-                    fmt::format("coordinates of the type '{:.40}' are not supported", array.type));
-    }
+    const LegacyType* const type = legacy_type(array.type);  // not null: see the parser
     const auto count = static_cast<std::size_t>(array.tuples);
     // A number in text has at least a digit and a blank.
     const std::uint64_t least = count * (header.text ? 2 : type->bytes()) - (header.text ? 1 : 0);
